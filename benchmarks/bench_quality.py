@@ -67,7 +67,7 @@ def _uncertainty(points: ControlPoints, support: float, size: int) -> Group:
     cases = [
         Case(
             "deformnb, with the fit",
-            lambda: uncertainty(points, support=support).on_outer_sum(*raster_lines(raster)),
+            lambda: uncertainty(points, support=support).lattice_values(*raster_lines(raster)),
             lambda r: r - right,
             ours=True,
         ),

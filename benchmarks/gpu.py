@@ -88,9 +88,9 @@ def _bandwidth(rounds: int) -> float:
 def _kernels(volume: Volume, field: RBFInterpolant) -> Iterator[tuple[str, Run, int]]:
     """Names, calls, and the bytes that must be moved at least where that bounds the time."""
     with devices.device_context():
-        voxels, (d, _) = sampling.to_device(volume.values), field.on_device(volume.grid)
+        voxels, (d, _) = sampling.to_device(volume.values), field.evaluate_on_device(volume.grid)
         at, fill = planning.places(volume.grid, volume.grid, "float32"), np.uint8(0)
-        yield f"{int(field.count)} points to displacements", lambda: field.on_device(volume.grid)[0], 0
+        yield f"{int(field.count)} points to displacements", lambda: field.evaluate_on_device(volume.grid)[0], 0
         moved = volume.grid.size * (3 * 4 + 2)
 
         def warp() -> Any:

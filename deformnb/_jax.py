@@ -93,14 +93,14 @@ def with_derivative(function: Callable[[Any], Any], rule: Callable[[Any, Any], A
     """
 
     @cache
-    def made() -> Any:
+    def build() -> Any:
         own = jax.custom_jvp(function)
         own.defjvp(rule)
         return own
 
     @wraps(function)
     def call(x: Any) -> Any:
-        return made()(x)
+        return build()(x)
 
     return call
 

@@ -147,7 +147,7 @@ def started(what: str, folder: Path, seed: int = 1) -> subprocess.Popen[str]:
     )
 
 
-def told(what: str, folder: Path) -> Any:
+def run_victim(what: str, folder: Path) -> Any:
     child = started(what, folder)
     try:
         out, _ = child.communicate(timeout=120)
@@ -163,7 +163,7 @@ posix = pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are copied
 
 @posix
 def test_a_process_killed_while_it_saves_leaves_a_whole_document(tmp_path: Path) -> None:
-    found = told("save", tmp_path)  # it reads the file after each of many kills, and fails where it is not whole
+    found = run_victim("save", tmp_path)  # it reads the file after each of many kills, and fails where it is not whole
     assert found["found"] > 1
     assert found["most"] <= 2  # the file, and what one killed writer has left
     assert found["left"] == ["fish.json"]
@@ -174,7 +174,7 @@ def test_a_process_killed_while_it_saves_leaves_a_whole_document(tmp_path: Path)
 def test_a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_that_belong_together(
     tmp_path: Path,
 ) -> None:
-    found = told("pairs", tmp_path)  # it reads them after each of many kills
+    found = run_victim("pairs", tmp_path)  # it reads them after each of many kills
     assert found["wrong"] == []
     assert found["found"] > 1
     assert found["most"] <= 9  # two of the other kind, a header, four data files at most, what one writer has left
@@ -227,7 +227,7 @@ def test_points_of_a_killed_process_come_back_exactly(tmp_path: Path) -> None:
 
 
 def test_a_process_that_ends_by_itself_offers_nothing_and_keeps_its_last_edit(tmp_path: Path) -> None:
-    strength = told("ends", tmp_path)
+    strength = run_victim("ends", tmp_path)
     assert saved_sessions(crashes.a_volume(), tmp_path) == []
     (entry,) = saved_sessions(crashes.a_volume(), tmp_path, every=True)
     assert (entry.state, entry.is_earlier) == ("closed", True)
@@ -264,7 +264,7 @@ def test_a_kernel_that_is_shut_down_or_restarted_offers_nothing_and_one_that_is_
 @pytest.mark.nightly
 @posix
 def test_of_two_that_write_at_once_one_is_told(tmp_path: Path) -> None:
-    found = told("writers", tmp_path)
+    found = run_victim("writers", tmp_path)
     assert found["outcomes"] == [True] * crashes.ROUNDS["writers"]
     assert found["left"] == ["fish.json"]
 
@@ -395,9 +395,9 @@ def test_a_new_point_compiles_nothing(caplog: pytest.LogCaptureFixture) -> None:
 
     line = np.linspace(0, 50, 33)
     rows, columns = np.stack([line, 0 * line]), np.stack([0 * line, line])
-    fitted(9).on_outer_sum(rows, columns, 1.0)
+    fitted(9).lattice_values(rows, columns, 1.0)
     assert capacity(9) == capacity(16) == 16
     with jax.log_compiles(), caplog.at_level("WARNING"):
         for count in range(10, 17):
-            fitted(count).on_outer_sum(rows, columns, 1.0)
+            fitted(count).lattice_values(rows, columns, 1.0)
     assert [record.message for record in caplog.records if "ompil" in record.message] == []

@@ -21,7 +21,7 @@ def table(*cases: str, n: int | None = None, name: str = "tests/test_table.py::t
     return items
 
 
-def kept(*cases: str, n: int | None = None) -> list[str]:
+def select_cases(*cases: str, n: int | None = None) -> list[str]:
     """The cases of a table, by the ends of their names, that are not left to the night."""
     items = table(*cases, n=n)
     nightly.pytest_collection_modifyitems(items)
@@ -30,25 +30,25 @@ def kept(*cases: str, n: int | None = None) -> list[str]:
 
 
 def test_every_nth_case_of_a_table_that_takes_long_is_kept() -> None:
-    assert kept(*"abcdefg", n=3) == ["a", "d", "g"]
-    assert kept("a", "b", "c", n=1) == ["a", "b", "c"]
+    assert select_cases(*"abcdefg", n=3) == ["a", "d", "g"]
+    assert select_cases("a", "b", "c", n=1) == ["a", "b", "c"]
 
 
 def test_every_value_of_every_argument_is_kept_in_few_cases() -> None:
     kernels, trends, sizes = ("cubic", "linear", "gaussian", "wendland"), ("none", "rigid", "affine", "wave"), "2345"
-    found = kept(*("-".join(case) for case in product(kernels, trends, sizes)))
+    found = select_cases(*("-".join(case) for case in product(kernels, trends, sizes)))
     assert len(found) == 4
     assert {word for case in found for word in case.split("-")} == {*kernels, *trends, *sizes}
 
 
 def test_cases_unlike_the_others_are_kept() -> None:
-    assert kept("cubic-one", "cubic-two", "all switched off", "merged-one", "merged") == [
+    assert select_cases("cubic-one", "cubic-two", "all switched off", "merged-one", "merged") == [
         "cubic-one",
         "cubic-two",
         "all switched off",
         "merged-one",
     ]
-    assert kept("a", "b", "c") == ["a", "b", "c"]
+    assert select_cases("a", "b", "c") == ["a", "b", "c"]
 
 
 def test_tables_are_counted_one_by_one_and_a_test_that_is_none_is_kept() -> None:

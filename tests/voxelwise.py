@@ -24,7 +24,7 @@ def values_at_voxels(
         d = sum(w[:, None] * d[:, :, before + k] for k, w in enumerate(y))
     start = np.array([part.start for part in block])
     d = d[:, : grid.shape[0] - start[0], : grid.shape[1] - start[1]]
-    for voxels, values, share in (*found.exact, *(find() for find in table.left())):
+    for voxels, values, share in (*found.exact, *(find() for find in table.replacements())):
         z, y, x = voxels[0] - start[0], voxels[1] - start[1], voxels[2]
         own = (z >= 0) & (z < d.shape[1]) & (y >= 0) & (y < d.shape[2])  # cells may extend beyond the block
         at = z[own], y[own], x[own]

@@ -255,7 +255,7 @@ class Uncertainty:
         relative = ((x - self.system.ready.origin) / self.system.ready.support).reshape(-1, self.dim)
         return (self.sigma * np.sqrt(self._variance(relative))).reshape(x.shape[:-1])
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         """Standard deviations (R, C) at all points ``rows[:, r] + columns[:, c]`` of lines (dim, R) and (dim, C)."""
         places = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
         return self.at(np.moveaxis(places, 0, -1)).astype(np.float32)

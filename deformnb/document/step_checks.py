@@ -483,7 +483,7 @@ class StepUncertainty:
                 out[own] = known.at(flat[own]) * (1.0 if fit is None else fit.parts_at(flat[own])[1])
         return out.reshape(x.shape[:-1])
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         """Standard deviations (R, C) at all points ``rows[:, r] + columns[:, c]``."""
         places = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
         return self.at(np.moveaxis(places, 0, -1)).astype(np.float32)

@@ -321,7 +321,7 @@ def _split_at_cuts(line: NDArray[np.float64], field: Decoupled) -> Lines:
 def _deform_piece(piece: NDArray[np.float64], field: Decoupled) -> Lines:
     """A piece of a line moved with the field of its region, and the parts of it that the rule of the cuts shows."""
     middle = piece[[len(piece) // 2]] if len(piece) > 2 else piece.mean(axis=0, keepdims=True)
-    fit = next(f for mask, f in field.of_source(middle) if mask[0])
+    fit = next(f for mask, f in field.fields_by_source(middle) if mask[0])
     moved, joined = (piece, np.ones(len(piece) - 1, dtype=bool)) if fit is None else _follow_line(piece, fit)
     if field.rule == "paper":
         seen = (_sides(field, moved) == _sides(field, middle)).all(axis=-1)

@@ -48,7 +48,7 @@ def preset_thumbnails(
     high = high if high > low else low + 1.0
     coarse = _coarse(volume, low, high)
     pictures = {
-        name: project(coarse, view, "shaded", transfer=preset(name, volume).in_bytes(low, high)) for name in names
+        name: project(coarse, view, "shaded", transfer=preset(name, volume).quantize(low, high)) for name in names
     }
     seen = np.any([picture.values[..., 3] > _SEEN for picture in pictures.values()], axis=0)
     return {

@@ -177,7 +177,7 @@ class BSplineField(AbstractField):
             values = np.moveaxis(np.tensordot(self._along(index, k), values, (1, axis)), 0, axis)
         return np.ascontiguousarray(np.moveaxis(values, -1, 0), dtype=np.float32)
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         out = np.empty((self.dim, r.shape[1], c.shape[1]), dtype=np.float32)
         step = max(1, BLOCK // max(1, c.shape[1]))

@@ -338,12 +338,12 @@ class Decoupled(AbstractField):
         return total
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
-        return self.seen(points)[0]
+        return self.displacement_and_opacity(points)[0]
 
     def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
-        return self.seen(points)[1]
+        return self.displacement_and_opacity(points)[1]
 
-    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def displacement_and_opacity(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         x = np.asarray(points, dtype=np.float64)
         moves = [f.displacement(x) for f in self.fields]
         choice, opacity = self._decide(x, moves, np)
@@ -366,7 +366,7 @@ class Decoupled(AbstractField):
     def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
-        moves = [np.moveaxis(f.on_outer_sum(r, c, self.softness), 0, -1) for f in self.fields]
+        moves = [np.moveaxis(f.lattice_values(r, c, self.softness), 0, -1) for f in self.fields]
         choice, _ = self._decide(x, moves, np)
         out = np.zeros((self.dim, self.dim, *choice.shape), dtype=np.float32)
         for k, f in enumerate(self.fields):
@@ -404,29 +404,29 @@ class Decoupled(AbstractField):
             x = (x - xp.asarray(self.plane.origin)) @ xp.asarray(self.plane.frame[:2]).T
         return [r.signed_distance(x) if xp is np else r(x) for r in self.regions]
 
-    def seen_on_outer_sum(
+    def lattice_values_and_opacity(
         self, rows: ArrayLike, columns: ArrayLike, resolution: float
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
-        moves = [f.on_outer_sum(r, c, resolution) for f in self.fields]
+        moves = [f.lattice_values(r, c, resolution) for f in self.fields]
         choice, opacity = self._decide(x, [np.moveaxis(d, 0, -1) for d in moves], np)
         total = np.zeros((self.dim, *choice.shape), dtype=np.float32)
         for k, d in enumerate(moves):
             total = np.where(choice == k, d, total)
         return total, np.asarray(opacity, dtype=np.float32)
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
-        return self.seen_on_outer_sum(rows, columns, resolution)[0]
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        return self.lattice_values_and_opacity(rows, columns, resolution)[0]
 
-    def of_source(self, points: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], AbstractField | None]]:
+    def fields_by_source(self, points: NDArray[np.float64]) -> list[tuple[NDArray[np.bool_], AbstractField | None]]:
         """Masks of points (N, dim) before the deformation that each field moves, and None for those that stay."""
         own = self._sides(points)
         masks = [(own == np.asarray(region)).all(axis=-1) for region in self.sides]
         rest = ~np.logical_or.reduce([*masks, np.zeros(len(points), dtype=bool)])
         return [*zip(masks, self.fields, strict=True), (rest, None)]
 
-    def regions_of(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+    def region_numbers(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         """The number of the region, with or without points, in which each of the points (N, dim) lies."""
         return self._sides(points) @ (1 << np.arange(len(self.regions)))
 

@@ -214,13 +214,13 @@ def _leaves_in_reach(leaves: Leaves, low: Any, high: Any) -> Leaves:
     place = jnp.where(is_near, jnp.cumsum(is_near) - 1, n)
     order = jnp.full(n, n, place.dtype).at[place].set(jnp.arange(n, dtype=place.dtype), mode="drop")
 
-    def taken(array: Any) -> Any:
+    def select(array: Any) -> Any:
         return jnp.take(array, order, axis=0, mode="fill", fill_value=0)
 
     return leaves._replace(
-        centers=taken(leaves.centers),
-        coefficients=taken(leaves.coefficients),
-        scales=None if leaves.scales is None else taken(leaves.scales),
+        centers=select(leaves.centers),
+        coefficients=select(leaves.coefficients),
+        scales=None if leaves.scales is None else select(leaves.scales),
         count=jnp.sum(is_near, dtype=leaves.count.dtype),
     )
 
@@ -449,19 +449,19 @@ def _centers_in_reach(low: NDArray[np.float64], high: NDArray[np.float64], leave
     index = np.full((len(low), width), n)
     index[tile, place] = centre
 
-    def taken(array: Any) -> Any:
+    def select(array: Any) -> Any:
         padded = np.concatenate([np.asarray(array)[:n], np.zeros((1, *np.shape(array)[1:]), np.asarray(array).dtype)])
         return padded[index]
 
-    scales = None if leaves.scales is None else taken(leaves.scales)
+    scales = None if leaves.scales is None else select(leaves.scales)
     m, a = (low + high) / 2, np.asarray(leaves.linear)
     linear, constant = np.broadcast_to(a, (len(m), *a.shape)), m @ a.T + leaves.constant
     if leaves.quadratic is not None:
         bent = m @ np.asarray(leaves.quadratic)  # [component, tile, coordinate]
         linear, constant = linear + 2 * bent.transpose(1, 0, 2), constant + (bent * m).sum(axis=2).T
     return Reached(
-        taken(leaves.centers) - m[:, None],
-        taken(leaves.coefficients),
+        select(leaves.centers) - m[:, None],
+        select(leaves.coefficients),
         linear,
         constant,
         counts.astype(np.int32),

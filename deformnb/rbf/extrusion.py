@@ -373,7 +373,7 @@ class Extrusion(AbstractField):
         for m, w, slope in zip(self.maps, self.weights_at(depth), self.slopes_at(depth), strict=True):
             inner[:, :2] += w.astype(np.float32) * m.jacobian_on_outer_sum(r[:2], c[:2])
             if slope.any():
-                inner[:, 2] += slope.astype(np.float32) * m.on_outer_sum(r[:2], c[:2], 1.0)
+                inner[:, 2] += slope.astype(np.float32) * m.lattice_values(r[:2], c[:2], 1.0)
         return np.einsum("am,abrc,bk->mkrc", frame[:2], inner, frame, optimize=True)
 
     def lines(self, rows: ArrayLike, columns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -382,13 +382,13 @@ class Extrusion(AbstractField):
         first = frame @ (np.asarray(rows, dtype=np.float64) - np.asarray(self.plane.origin)[:, None])
         return first, frame @ np.asarray(columns, dtype=np.float64)
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         frame = self.plane.frame
         r, c = self.lines(rows, columns)
         weights = self.weights_at(r[2][:, None] + c[2][None, :])
         total = np.zeros((2, r.shape[1], c.shape[1]), dtype=np.float32)
         for m, w in zip(self.maps, weights, strict=True):
-            total += w.astype(np.float32) * m.on_outer_sum(r[:2], c[:2], resolution)
+            total += w.astype(np.float32) * m.lattice_values(r[:2], c[:2], resolution)
         return np.einsum("mk,mrc->krc", frame[:2].astype(np.float32), total)
 
     def components_on_grid(self, grid: Grid) -> NDArray[np.float32]:

@@ -109,7 +109,7 @@ class AbstractField(ABC):
         """The paper's transparency map A (...) at points (..., dim): 1 shows the voxel moved there, 0 hides it."""
         return np.ones(np.shape(points)[:-1])
 
-    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def displacement_and_opacity(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Displacements (..., dim) and opacity (...) at points (..., dim)."""
         return self.displacement(points), self.opacity(points)
 
@@ -139,7 +139,7 @@ class AbstractField(ABC):
             out[:, :, start : start + step] = np.moveaxis(part, (-2, -1), (0, 1))
         return out
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         """Displacements at all points ``rows[:, r] + columns[:, c]``: any regular lattice in two blocks of lines.
 
         Parameters
@@ -154,21 +154,21 @@ class AbstractField(ABC):
         points = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
         return np.asarray(np.moveaxis(self.displacement(np.moveaxis(points, 0, -1)), -1, 0), dtype=np.float32)
 
-    def seen_on_outer_sum(
+    def lattice_values_and_opacity(
         self, rows: ArrayLike, columns: ArrayLike, resolution: float
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """:meth:`on_outer_sum` together with the opacity (R, C); None if nothing is hidden anywhere."""
+        """:meth:`lattice_values` together with the opacity (R, C); None if nothing is hidden anywhere."""
         if not self.has_cuts:
-            return self.on_outer_sum(rows, columns, resolution), None
+            return self.lattice_values(rows, columns, resolution), None
         points = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
-        d, opacity = self.seen(np.moveaxis(points, 0, -1))
+        d, opacity = self.displacement_and_opacity(np.moveaxis(points, 0, -1))
         return np.asarray(np.moveaxis(d, -1, 0), dtype=np.float32), np.asarray(opacity, dtype=np.float32)
 
     def on_raster(self, raster: Raster) -> NDArray[np.float32]:
         """Displacements at the pixel centres of a raster (dim 2): shape (2, nv, nu), components a, b first."""
         if self.dim != 2:
             raise DeformError("a field in space has no values on the raster of a picture; sample it on a grid.")
-        return self.on_outer_sum(*raster_lines(raster), min(raster.spacing))
+        return self.lattice_values(*raster_lines(raster), min(raster.spacing))
 
     def on_grid(self, grid: Grid | VolumeLike) -> NDArray[np.float32]:
         """Displacements at the voxel centres of a grid (dim 3): float32 [z, y, x, 3]."""
@@ -178,7 +178,7 @@ class AbstractField(ABC):
         """:meth:`on_grid` in the order that the kernels read: (3, nz, ny, nx), components x, y, z first."""
         if self.dim != 3:
             raise DeformError("a field over a plane has no values on a grid in space; extrude it first.")
-        return self.on_outer_sum(*grid_lines(grid), min(grid.spacing)).reshape(3, *grid.shape)
+        return self.lattice_values(*grid_lines(grid), min(grid.spacing)).reshape(3, *grid.shape)
 
 
 class HasField(Protocol):
@@ -475,12 +475,12 @@ class Composed(AbstractField):
         return self.first.has_cuts or self.then.has_cuts
 
     def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
-        return self.seen(points)[1]
+        return self.displacement_and_opacity(points)[1]
 
-    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def displacement_and_opacity(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         x = np.asarray(points, dtype=np.float64)
-        d, opacity = self.then.seen(x)
-        before, opacity_before = self.first.seen(x + d)
+        d, opacity = self.then.displacement_and_opacity(x)
+        before, opacity_before = self.first.displacement_and_opacity(x + d)
         return d + before, opacity * opacity_before
 
 
@@ -520,14 +520,14 @@ class Blended(AbstractField):
         return np.asarray(sum(f.jacobian_on_outer_sum(rows, columns) for f in self.fields))
 
     def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
-        return self.seen(points)[1]
+        return self.displacement_and_opacity(points)[1]
 
-    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        parts = [f.seen(points) for f in self.fields]
+    def displacement_and_opacity(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        parts = [f.displacement_and_opacity(points) for f in self.fields]
         return np.asarray(sum(d for d, _ in parts)), np.asarray(np.prod([a for _, a in parts], axis=0))
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
-        return np.asarray(sum(f.on_outer_sum(rows, columns, resolution) for f in self.fields))
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        return np.asarray(sum(f.lattice_values(rows, columns, resolution) for f in self.fields))
 
 
 @pytree(data_fields=["field"], meta_fields=["factor", "unit"])
@@ -570,8 +570,8 @@ class Rescaled(AbstractField):
     def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
         return self.field.opacity(np.asarray(points, dtype=np.float64) / self.factor)
 
-    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        moves, opacity = self.field.seen(np.asarray(points, dtype=np.float64) / self.factor)
+    def displacement_and_opacity(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        moves, opacity = self.field.displacement_and_opacity(np.asarray(points, dtype=np.float64) / self.factor)
         return self.factor * moves, opacity
 
 

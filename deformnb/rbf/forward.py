@@ -187,7 +187,7 @@ class ForwardFit(AbstractField):
         back = lengths_of(y + self.displacement(y) - points)
         return y, (back <= max(tolerance, FOUND * self.size)) & self.found(y)
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         out = np.zeros((self.dim, r.shape[1], c.shape[1]), np.float32)
         step = max(1, BLOCK // max(1, c.shape[1]))

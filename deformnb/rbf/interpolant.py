@@ -347,14 +347,14 @@ class RBFInterpolant(AbstractField):
         d = jacobian_at_lattice(first, other, self._leaves(dtype), self.kernel, dtype)
         return np.asarray(d / self.support, dtype=np.float32)
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         first, other = self._relative_lines(rows, columns)
         if self.is_identity:
             return np.zeros((self.dim, first.shape[1], other.shape[1]), np.float32)
         dtype = self.type_within(_reach(first, other), resolution)
         return np.asarray(evaluate_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
 
-    def on_device(self, lattice: Grid | Raster) -> tuple[tuple[Any, ...], Any]:
+    def evaluate_on_device(self, lattice: Grid | Raster) -> tuple[tuple[Any, ...], Any]:
         """Displacements on a grid or a raster in the memory of the device in use, and whether all are finite.
 
         Three components (nz, ny, nx) or two (nv, nu), float32. To be called within

@@ -451,7 +451,7 @@ class RigidInterpolant(AbstractField):
         weight, rate = weight_gradient(
             [m[:, 0] for m in measured], [m[:, 1:] for m in measured], self.scales, self.weights
         )
-        base = self.base.on_outer_sum(r, c, 1.0)
+        base = self.base.lattice_values(r, c, 1.0)
         rate = np.moveaxis(rate.reshape(*shape, self.dim), -1, 0)
         out = weight.reshape(shape) * self.base.jacobian_on_outer_sum(r, c) + base[:, None] * rate[None]
         return np.asarray(out, dtype=np.float32)
@@ -462,9 +462,9 @@ class RigidInterpolant(AbstractField):
         distances = [np.maximum(r.signed_distance(y), 0.0) for r, y in zip(self.regions, back, strict=True)]
         return drift_and_weight(x, back, distances, self.scales, self.weights, np)
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
-        base = self.base.on_outer_sum(r, c, resolution)
+        base = self.base.lattice_values(r, c, resolution)
         motions = [(np.asarray(m), np.asarray(t)) for m, t in zip(self.matrices, self.shifts, strict=True)]
         distances = [cached_distances(region, m, t, r, c) for region, (m, t) in zip(self.regions, motions, strict=True)]
         if all(_is_still(m, t) for m, t in motions):  # the common case, without the drift that is zero everywhere

@@ -94,8 +94,8 @@ class TipBlend(AbstractField):
         moves = [fit.displacement(x) for fit in self.fits]
         return np.asarray(blend_displacements(moves, [w[..., None] for w in self._openings(x + moves[0])]))
 
-    def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
-        moves = [fit.on_outer_sum(rows, columns, resolution) for fit in self.fits]
+    def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
+        moves = [fit.lattice_values(rows, columns, resolution) for fit in self.fits]
         source = np.moveaxis(_outer_sum(rows, columns) + moves[0], 0, -1)
         return np.asarray(blend_displacements(moves, [w.astype(np.float32) for w in self._openings(source)]))
 

@@ -202,11 +202,11 @@ class MultiscaleFit:
         sampled = SampledImage(
             np.pad(moving.values, 1), moving.matrix * self.support, moving.matrix @ self.origin + moving.offset + 1
         )
-        sampled, read, weights = _on_device([sampled, np.pad(fixed.at(places), pad), np.pad(weights, pad)])
+        sampled, read, weights = _to_device([sampled, np.pad(fixed.at(places), pad), np.pad(weights, pad)])
         return replace(
             self.first,
             moving=sampled,
-            places=_on_device(blocks),
+            places=_to_device(blocks),
             fixed=read,
             weights=weights,
             lattice=self._lattice(_LATTICE),
@@ -222,7 +222,7 @@ class MultiscaleFit:
 
     def _lattice(self, counts: Mapping[int, int]) -> list[Any]:
         lines = [np.linspace(-0.5, n - 0.5, counts[self.moving.dim]) for n in self.moving.values.shape]
-        return _on_device(self._blocks(self.moving.points(*lines).reshape(-1, self.moving.dim)))
+        return _to_device(self._blocks(self.moving.points(*lines).reshape(-1, self.moving.dim)))
 
     # -- one level -----------------------------------------------------------------------------------------------------
 
@@ -274,7 +274,7 @@ def _value_at(x: NDArray[np.float64], objective: Objective) -> Value:
     return value_and_gradient(np.zeros(x.shape), replace(objective, x=x))
 
 
-def _on_device(parts: Any) -> list[Any]:
+def _to_device(parts: Any) -> list[Any]:
     """Each of the parts where JAX computes, in 64 bits."""
     with float64():
         return list(jax.device_put(list(parts)))
@@ -285,7 +285,7 @@ _MOST_PLACES = 2**18
 # Neighbourhood and search of a single point: a share of the picture's diagonal (15 pixels of 256 x 256), or pixels.
 _SHARE, _PIXELS = 1 / 24, 10
 # Below this correlation two neighbourhoods are not the same thing; noise alone was seen to reach 0.35.
-_LEAST_ALIKE = 0.6
+_LEAST_CORRELATION = 0.6
 # A place half a neighbourhood away that is as similar as this is ambiguous.
 _AMBIGUOUS = 0.02
 # A standard deviation of the grey values in [0, 1] below this is an even area with noise.
@@ -601,7 +601,7 @@ class _Window:
         alike = self._correlation(pattern, self._fixed.at(target + self._all))
         here = np.unravel_index(int(np.where(self._inside, alike, -2.0).argmax()), alike.shape)
         score, found = float(alike[here]), self._shifts[here]
-        if score < _LEAST_ALIKE:
+        if score < _LEAST_CORRELATION:
             return score, nothing, f"nothing within {self._search:.3g} looks like it"
         around = tuple(slice(max(i - 1, 0), i + 2) for i in here)
         if self._inside[around].size < 3 ** len(here) or not self._inside[around].all():

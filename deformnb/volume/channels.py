@@ -227,7 +227,7 @@ class Channels:
 
         Whole numbers of colours (kind "rgb") have their own scale.
         """
-        return tuple(ChannelDisplay(self.colours[k], self._shown_range(k)) for k in range(len(self.coloured)))
+        return tuple(ChannelDisplay(self.colours[k], self._display_range(k)) for k in range(len(self.coloured)))
 
     def composite(
         self, pictures: Sequence[NDArray[Any]] | None = None, displays: Sequence[ChannelDisplay] | None = None
@@ -250,12 +250,12 @@ class Channels:
                 share = np.clip((part.astype(np.float32) - low) / (high - low), 0, 1)
                 out[..., :3] += share[..., None] * np.asarray(display.colour, np.float32)
         if self.kind == "rgba":  # over black, as colours times alpha
-            low, high = self._shown_range(3)
+            low, high = self._display_range(3)
             out[..., :3] *= np.clip((parts[3].astype(np.float32) - low) / (high - low), 0, 1)[..., None]
         out[..., 3] = 1
         return np.clip(out, 0, 1)
 
-    def _shown_range(self, k: int) -> tuple[float, float]:
+    def _display_range(self, k: int) -> tuple[float, float]:
         volume = self.volumes[k]
         if CHANNEL_KINDS[self.kind] and volume.dtype.kind in "iu":
             return 0.0, float(np.iinfo(volume.dtype).max)

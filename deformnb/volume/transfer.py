@@ -122,12 +122,12 @@ class TransferFunction:
         order = np.argsort(places, kind="stable")  # what comes before a jump first
         return values[places][order], rows[order]
 
-    def in_bytes(self, low: float, high: float) -> TransferFunction:
+    def quantize(self, low: float, high: float) -> TransferFunction:
         """The transfer function of the bytes that a window from ``low`` to ``high`` makes of values.
 
         Examples
         --------
-        >>> TransferFunction(((0, 1, 1, 1),), ((0, 0), (10, 1))).in_bytes(0, 20).opacities
+        >>> TransferFunction(((0, 1, 1, 1),), ((0, 0), (10, 1))).quantize(0, 20).opacities
         ((0.0, 0.0), (127.5, 1.0))
         """
         scale = 255 / (high - low)

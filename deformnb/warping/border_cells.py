@@ -84,7 +84,7 @@ class Regional:
     walk: Walk
     tables: list[Floats] = member(default_factory=list)
 
-    def way(self, links: Sequence[AbstractField], x: Floats, d: Floats | None, known: int | None) -> _Shown | _Branch:
+    def path(self, links: Sequence[AbstractField], x: Floats, d: Floats | None, known: int | None) -> _Shown | _Branch:
         """The path of nodes x through the rest of a composition, moved so far by ``d``, table ``known`` if any."""
         for k, link in enumerate(links):
             at = x if d is None else x + d
@@ -120,11 +120,11 @@ class Regional:
                 continue  # nothing of this region can be seen near these nodes
             sides.append(side)
             after.append(self._stored_index(moved - x))
-            then.append(self.way(rest, x, moved - x, after[-1]))
+            then.append(self.path(rest, x, moved - x, after[-1]))
             np.maximum(largest, self.walk.error, out=largest)
         self.walk.error[...] = error
         is_complete = len(set(cut.sides)) == 2 ** len(cut.regions)
-        then.append(_Shown(before) if is_complete else self.way(rest, x, d, before))
+        then.append(_Shown(before) if is_complete else self.path(rest, x, d, before))
         np.maximum(largest, self.walk.error, out=self.walk.error)
         return _Branch(cut.choice(sides, np.float32), tuple(then), before, tuple(after))
 

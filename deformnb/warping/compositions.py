@@ -129,7 +129,7 @@ class NodeTable:
         progress: Progress | None = None,
         exactly: Callable[..., tuple[Any, Any]] | None = None,
     ) -> None:
-        self._field, self._grid, self._at_places = field, grid, exactly or ExactPlaces(links_of(field), grid)
+        self._field, self._grid, self._exact = field, grid, exactly or ExactPlaces(links_of(field), grid)
         self._left: list[NDArray[np.intp]] = []
         estimate = _Lattice(field, grid, _FIRST_SPACING).cells
         best = 1 if estimate.has_borders else estimate.best_spacing(_EVERY, (*NODE_SPACINGS, 1))
@@ -163,7 +163,7 @@ class NodeTable:
                 )
         return None
 
-    def left(self) -> list[Callable[[], Replacement]]:
+    def replacements(self) -> list[Callable[[], Replacement]]:
         """Replacements due in all blocks so far except :attr:`Displacements.exact`, each computed when called."""
         if not self._left:
             return []
@@ -182,7 +182,7 @@ class NodeTable:
 
     def _evaluate(self, index: NDArray[np.integer[Any]]) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Displacements (3, n) and opacity (n,) of the field at voxels z, y, x (3, n)."""
-        d, opacity = self._at_places(self._grid.matrix @ index[::-1] + np.asarray(self._grid.origin)[:, None])
+        d, opacity = self._exact(self._grid.matrix @ index[::-1] + np.asarray(self._grid.origin)[:, None])
         return d, opacity if self._field.has_cuts else None
 
     def _cut_replacements(
@@ -197,10 +197,10 @@ class NodeTable:
 
         corner : the first voxel of the lattice; start, stop : the first voxel and the end of the block.
         """
-        border = lattice.cells.at_cuts(cells)
+        border = lattice.cells.cut_cells(cells)
         if not len(border):
             return
-        box, spacing = lattice.box_around(border), lattice.spacing
+        box, spacing = lattice.enclosing_box(border), lattice.spacing
         if box is None:
             yield from self._all(border, spacing, corner, stop)
             return
@@ -329,7 +329,7 @@ class _Cells:
         """Indices (n, 3) of the cells among these that are evaluated voxel by voxel."""
         return _indices(self.borders[cells] | self._bends(cells, self._spacing), cells)
 
-    def at_cuts(self, cells: tuple[slice, slice]) -> NDArray[np.intp]:
+    def cut_cells(self, cells: tuple[slice, slice]) -> NDArray[np.intp]:
         """Indices (n, 3) of the cells among these where the displacements of all regions are interpolated."""
         return _indices(self.cuts[cells] & ~self._bends(cells, self._spacing), cells)
 
@@ -365,13 +365,13 @@ class _Lattice:
         planning.run_parts(slabs, partial(self._judge, values, walk, can_choose), None)
         self.nodes = values[:, 1:-1, 1:-1, 1:-1]
 
-    def box_around(self, cells: NDArray[np.intp]) -> RegionBox | None:
+    def enclosing_box(self, cells: NDArray[np.intp]) -> RegionBox | None:
         """The displacements of all regions at the nodes of the smallest box around cells; None if they are many."""
         first = cells.min(axis=0)
         shape = tuple(np.ptp(cells, axis=0) + 2 + 2 * _HALO)
         places, walk = self._places(first, shape), self._walk(shape)
         regional = Regional(walk)
-        way = regional.way(links_of(self._field), places, None, None)
+        way = regional.path(links_of(self._field), places, None, None)
         if len(regional.tables) > border_cells.MOST_TABLES:
             return None
         tables = [np.broadcast_to(d, places.shape).astype(np.float32) for d in regional.tables]
@@ -509,7 +509,7 @@ class ComposedEvaluator:
         ----------
         progress : called with the finished share.
         """
-        if self._is_known and not self._at_voxels.is_on_gpu:
+        if self._is_known and not self._exact_field.is_on_gpu:
             self._nodes = NodeTable(self._field, self._grid, progress)
 
     def block(self, block: tuple[slice, slice]) -> Displacements:
@@ -518,31 +518,31 @@ class ComposedEvaluator:
         if found is not None:
             return found
         lattice = planning.lattice(self._grid, block, 1)
-        if not self._at_voxels.is_on_gpu:
-            return self._at_all(lattice)
-        d, opacity = self._at_voxels.on_gpu(lattice)
+        if not self._exact_field.is_on_gpu:
+            return self._evaluate_all(lattice)
+        d, opacity = self._exact_field.evaluate_on_gpu(lattice)
         return Displacements(d, opacity=opacity)
 
-    def left(self) -> list[Callable[[], Replacement]]:
-        """Replacements due in the blocks so far, see :meth:`NodeTable.left`."""
-        return [] if self._nodes is None else self._nodes.left()
+    def replacements(self) -> list[Callable[[], Replacement]]:
+        """Replacements due in the blocks so far, see :meth:`NodeTable.replacements`."""
+        return [] if self._nodes is None else self._nodes.replacements()
 
     @cached_property
-    def _at_voxels(self) -> ExactPlaces:
+    def _exact_field(self) -> ExactPlaces:
         return ExactPlaces(self._links, self._grid)
 
     @cached_property
-    def _at_places(self) -> ExactPlaces:
+    def _exact_rest(self) -> ExactPlaces:
         return ExactPlaces(self._rest, self._grid)
 
-    def _at_all(self, lattice: Grid) -> Displacements:
+    def _evaluate_all(self, lattice: Grid) -> Displacements:
         rows, columns = grid_lines(lattice)
         places = (rows[:, :, None] + columns[:, None, :]).reshape(3, -1)
         d = np.zeros_like(places)
         if self._first is not None:
             first = planning.displacements_and_opacity(self._first, lattice)[0]
             d += np.stack([np.asarray(part).ravel() for part in _as_parts(first)])
-        more, opacity = self._at_places(places + d)
+        more, opacity = self._exact_rest(places + d)
         shape = lattice.shape
         return Displacements(
             tuple(part.reshape(shape) for part in (d + more).astype(np.float32)),

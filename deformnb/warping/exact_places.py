@@ -120,7 +120,7 @@ class _Cut:
     fields: tuple[Any, ...]
     choice: SideChoice
 
-    def seen(self, x: Components) -> tuple[list[Any], Any]:
+    def displacement_and_opacity(self, x: Components) -> tuple[list[Any], Any]:
         """Components of the displacements, and the opacity."""
         moves = lax.optimization_barrier([field(x) for field in self.fields])
         here, there = self.choice.distances([x, *([p + d for p, d in zip(x, move, strict=True)] for move in moves)])
@@ -133,7 +133,7 @@ class _Cut:
 
 def _displacement_and_opacity(form: Any, x: Components) -> tuple[list[Any], Any]:
     """Components of the displacements, and the opacity with cuts."""
-    return form.seen(x) if isinstance(form, _Cut) else (form(x), None)
+    return form.displacement_and_opacity(x) if isinstance(form, _Cut) else (form(x), None)
 
 
 def _evaluate_places(form: Any, places: Any) -> tuple[Any, Any]:
@@ -184,7 +184,7 @@ class ExactPlaces:
         """Check for a GPU that evaluates all of the deformations."""
         return not devices.is_host() and all(form is not None for _, form in self._links)
 
-    def on_gpu(self, lattice: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None]:
+    def evaluate_on_gpu(self, lattice: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None]:
         """Displacements (nz, ny, nx) along x, y, z on a lattice, in the memory of the GPU, and the opacity with cuts.
 
         Raises
@@ -211,7 +211,7 @@ class ExactPlaces:
 
 
 def _evaluate_field(field: AbstractField, places: Floats) -> tuple[Floats, Floats]:
-    d, opacity = field.seen(places.T)
+    d, opacity = field.displacement_and_opacity(places.T)
     return d.T, opacity
 
 

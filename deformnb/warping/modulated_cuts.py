@@ -80,7 +80,7 @@ class CutPlan:
             for first in range(0, last + 1, _TOGETHER)
         ]
 
-    def seen(self, depth: slice, some: NDArray[np.intp]) -> tuple[Any, NDArray[np.float32]]:
+    def displacement_and_opacity(self, depth: slice, some: NDArray[np.intp]) -> tuple[Any, NDArray[np.float32]]:
         """Displacements along u and v (2, z, y, x) and opacity [z, y, x] of one of the parts.
 
         Of the two axes across the normal the first has extent 1, and the second is that of the pixels.
@@ -117,7 +117,7 @@ def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
     weights = check_finite(fields[0].weights_at(plane.to_plane(output.index_to_point(index))[:, 2]))
     rows, columns = _slice_coordinates(plane, output, normal)
     maps = check_finite(
-        np.stack([[m.on_outer_sum(rows, columns, min(output.spacing)) for m in f.maps] for f in fields])
+        np.stack([[m.lattice_values(rows, columns, min(output.spacing)) for m in f.maps] for f in fields])
     )
     at = _outer_sum(rows, columns)
     here = np.stack([r.signed_distance(at) for r in field.regions])

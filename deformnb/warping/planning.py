@@ -114,16 +114,16 @@ class Places:
         whole = tuple(_cut_table(table, s) for table, s in zip(self.whole, every, strict=True))
         return whole, tuple(_cut_table(table, s) for table, s in zip(self.part, every, strict=True))
 
-    def at_pixels(self, normal: int, depth: slice, pixels: NDArray[np.intp]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    def select(self, normal: int, depth: slice, pixels: NDArray[np.intp]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """``whole`` and ``part`` of pixels (2, n), which run along the last of the two axes across ``normal``."""
 
-        def listed(tables: tuple[NDArray[Any], ...]) -> tuple[NDArray[Any], ...]:
+        def take(tables: tuple[NDArray[Any], ...]) -> tuple[NDArray[Any], ...]:
             a, b = (tables[o] for o in range(3) if o != normal)
             found = [np.zeros((3, 1), a.dtype), a[:, pixels[0]] + b[:, pixels[1]]]
             found.insert(normal, tables[normal][:, depth])
             return tuple(found)
 
-        return listed(self.whole), listed(self.part)
+        return take(self.whole), take(self.part)
 
     def near(self, shape: Sequence[int]) -> bool:
         """Check whether all places, and an input of this shape, are within :data:`NEAR` voxels of the first one."""
@@ -374,7 +374,7 @@ def _device_components(field: AbstractField, on: Grid | Raster) -> tuple[Any, ..
     """
     if devices.is_host() or not isinstance(field, RBFInterpolant):
         return None
-    d, is_finite = field.on_device(on)
+    d, is_finite = field.evaluate_on_device(on)
     if not is_finite:
         raise DeformError(NOT_FINITE)
     return d
@@ -408,7 +408,7 @@ def displacements_and_opacity(
     """:func:`displacements` of a field on a lattice, and its opacity [z, y, x] if it has cuts."""
     if not field.has_cuts:
         return displacements(field, grid, step), None
-    d, opacity = field.seen_on_outer_sum(*grid_lines(grid), min(grid.spacing))
+    d, opacity = field.lattice_values_and_opacity(*grid_lines(grid), min(grid.spacing))
     d = check_finite(d).reshape(3, *grid.shape)
     return tuple(to_device(part) for part in d), None if opacity is None else opacity.reshape(grid.shape)
 
@@ -423,7 +423,7 @@ def raster_with_opacity(field: AbstractField, raster: Raster) -> tuple[NDArray[n
         stays = _device_components(field, raster)
         if stays is not None:
             return jnp.stack(stays), None  # type: ignore[return-value]
-    values, opacity = field.seen_on_outer_sum(*raster_lines(raster), min(raster.spacing))
+    values, opacity = field.lattice_values_and_opacity(*raster_lines(raster), min(raster.spacing))
     return check_finite(values), opacity
 
 

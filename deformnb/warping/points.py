@@ -232,11 +232,11 @@ def _move_with_regions(
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Tissue moves with its region; by the paper's rule none is visible across a cut."""
     y, found = x.copy(), np.ones(len(x), dtype=bool)
-    for mask, own in field.of_source(x):
+    for mask, own in field.fields_by_source(x):
         if own is not None and mask.any():
             y[mask], found[mask] = deform_places(x[mask], own, tolerance, max_iterations)
     if field.rule == "paper":
-        found &= field.regions_of(y) == field.regions_of(x)
+        found &= field.region_numbers(y) == field.region_numbers(x)
     return y, found
 
 

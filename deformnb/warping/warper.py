@@ -258,13 +258,13 @@ class Warper:
         """The volume deformed by ``field``; see :func:`warp`."""
         return _together([self], field, progress)[0]
 
-    def finished(self, values: NDArray[Any]) -> Volume:
+    def to_volume(self, values: NDArray[Any]) -> Volume:
         """The result as a volume."""
         if self.volume.dtype == np.bool_:
             values = values.view(np.bool_)
         return Volume(values, self.output, self.volume.name, self.volume.is_labels, self.volume.notes)
 
-    def planned(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
+    def run_plan(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         """The voxels under an extruded map, in the quickest way."""
         if not devices.is_host() or (plan.weights is not None and plan.normal == 2):
             values = self._run_blocks(plan, progress)
@@ -323,7 +323,7 @@ class Warper:
         """An array for the result."""
         return np.empty(self.output.shape, self._voxels.dtype)
 
-    def in_block(self, own: Displacements, block: tuple[slice, slice], step: int) -> NDArray[Any]:
+    def sample_block(self, own: Displacements, block: tuple[slice, slice], step: int) -> NDArray[Any]:
         """The voxels of a block, whose displacements are known at every ``step``-th of them."""
         at = self._places
         with self._arithmetic():
@@ -342,7 +342,7 @@ class Warper:
             )
         return result if own.opacity is None else self._fade(result, own.opacity)
 
-    def at_voxels(self, known: Replacement) -> NDArray[Any]:
+    def sample_voxels(self, known: Replacement) -> NDArray[Any]:
         """Single voxels, whose displacements are known."""
         voxels, d, opacity = known
         at = self._places
@@ -364,7 +364,7 @@ class Warper:
                     (d,),
                     np.ones((1, d.shape[normal + 1]), np.float32),
                     cut.apart.matrix,
-                    *self._places.at_pixels(normal, depth, pixels),
+                    *self._places.select(normal, depth, pixels),
                     self._fill,
                     normal=normal,
                     **self._settings(),
@@ -568,7 +568,7 @@ def _together(warpers: Sequence[Warper], field: AbstractField | HasField, progre
         if cut:
             values = _warp_near_cuts(warpers, cut, progress)
         elif plan:
-            values = [warper.planned(plan, _part_of(progress, k, len(warpers))) for k, warper in enumerate(warpers)]
+            values = [warper.run_plan(plan, _part_of(progress, k, len(warpers))) for k, warper in enumerate(warpers)]
         else:
             values = _general(warpers, field, progress)
     except MemoryError:
@@ -577,7 +577,7 @@ def _together(warpers: Sequence[Warper], field: AbstractField | HasField, progre
             f"there is not enough memory for a result of {nx} x {ny} x {nz} voxels; make its box "
             "smaller or its spacing larger (output)."
         ) from None
-    return [warper.finished(result) for warper, result in zip(warpers, values, strict=True)]
+    return [warper.to_volume(result) for warper, result in zip(warpers, values, strict=True)]
 
 
 def _part_of(progress: Progress | None, k: int, count: int) -> Progress | None:
@@ -624,18 +624,18 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
             else chain.block(block)
         )
         for k, warper in enumerate(warpers):
-            _store(outs, k, block, warper.in_block(own, block, step), is_final=by_lattice)
+            _store(outs, k, block, warper.sample_block(own, block, step), is_final=by_lattice)
         for known in own.exact:
             replace(known)
 
     def replace(known: Replacement) -> None:
         for warper, out in zip(warpers, outs, strict=True):
-            out[known[0]] = warper.at_voxels(known)
+            out[known[0]] = warper.sample_voxels(known)
 
     parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape)
     _share(warpers, parts, work, _progress_range(progress, *ends[:2]))
     if not by_lattice:
-        _share(warpers, chain.left(), lambda find: replace(find()), _progress_range(progress, *ends[1:]))
+        _share(warpers, chain.replacements(), lambda find: replace(find()), _progress_range(progress, *ends[1:]))
     return outs
 
 
@@ -665,12 +665,12 @@ def _lattice_displacements(field: AbstractField, lattice: Grid, step: int) -> Di
 
 def _warp_near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | None) -> list[NDArray[Any]]:
     """Cuts that open with depth: first every region separately, then voxels so near a cut that it may open."""
-    outs = [_writable(warper.planned(cut.apart, None)) for warper in warpers]
+    outs = [_writable(warper.run_plan(cut.apart, None)) for warper in warpers]
     for warper in warpers:
         warper.load()
 
     def work(part: tuple[slice, NDArray[np.intp]]) -> None:
-        d, opacity = cut.seen(*part)
+        d, opacity = cut.displacement_and_opacity(*part)
         for warper, out in zip(warpers, outs, strict=True):
             warper.replace_near_cut(out, cut, part, d, opacity)
 

@@ -242,7 +242,7 @@ def _through(steps: tuple[AbstractField, ...], points: NDArray[np.float64]) -> t
     """Sources of points, and the share of them that is seen."""
     at, kept = points, np.ones(points.shape[:-1])
     for step in steps:
-        d, opacity = step.seen(at)
+        d, opacity = step.displacement_and_opacity(at)
         at, kept = at + d, kept * opacity
     return at, kept
 

@@ -32,7 +32,7 @@ SINGLE = 1e-5
 """Float32 derivatives of the size of 1, and sums of two or six products of them."""
 
 
-def at_points(field: AbstractField, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def determinants_at(field: AbstractField, x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.linalg.det(np.eye(field.dim) + field.jacobian(x))
 
 
@@ -123,7 +123,7 @@ def test_what_is_safe_from_the_start_only_counts() -> None:
 def test_on_rasters_as_at_points(kernel: str) -> None:
     trend = "quadratic" if KERNELS[kernel].order > 2 else "affine"
     field = fit_rbf(dragged(2, 3.0), kernel=kernel, support=60.0, trend=trend)
-    oracle.assert_close(jacobian_determinant(field, RASTER), at_points(field, RASTER.points()), atol=10 * SINGLE)
+    oracle.assert_close(jacobian_determinant(field, RASTER), determinants_at(field, RASTER.points()), atol=10 * SINGLE)
 
 
 @pytest.mark.parametrize("grid", [GRID, TILTED])
@@ -136,7 +136,7 @@ def test_extrusions(rule: str, view: str, grid: Grid) -> None:
     found = jacobian_determinant(field, grid)
     x = nodes(grid)
     z = field.zeta(plane.to_plane(x)[..., 2])  # at a knot the derivative jumps, and the determinant does not
-    oracle.assert_close(found, at_points(field, x), atol=SINGLE)
+    oracle.assert_close(found, determinants_at(field, x), atol=SINGLE)
     oracle.assert_close(jacobian_determinant(field, x), found, atol=SINGLE)
     assert z.min() == 0
     shares: list[float] = []
@@ -168,7 +168,7 @@ def test_compositions_sums_samples_parts_and_cuts() -> None:
     parts = fit_rigid(points(), [RigidPart(BOX, TURN), RigidPart(WALL)], support=100.0)
     held = fit_rigid(points(), [RigidPart(BOX)], support=100.0)
     for field in (compose(fit, wave), Blended((fit, wave)), DisplacementField.sample(fit, RASTER), parts, held):
-        oracle.assert_close(jacobian_determinant(field, RASTER), at_points(field, RASTER.points()), atol=SINGLE)
+        oracle.assert_close(jacobian_determinant(field, RASTER), determinants_at(field, RASTER.points()), atol=SINGLE)
     oracle.assert_close(jacobian_determinant(parts, TURN(within(BOX))), 1.0, atol=1e-12)
     one, two = jacobian_determinant(fit, RASTER.points()), jacobian_determinant(compose(fit, fit), RASTER.points())
     there = jacobian_determinant(fit, RASTER.points() + fit.displacement(RASTER.points()))
@@ -181,7 +181,7 @@ def test_compositions_sums_samples_parts_and_cuts() -> None:
 def test_beside_cuts_that_of_the_region_seen(name: str, rule: str) -> None:
     field = fitted(scattered(2.0), CUTS[name], rule)
     odd = Raster((40, 40), (2.317, 2.411), (1.13, 1.27))  # no node on a cut
-    off = np.abs(jacobian_determinant(field, odd) - at_points(field, odd.points()))
+    off = np.abs(jacobian_determinant(field, odd) - determinants_at(field, odd.points()))
     assert np.mean(off < SINGLE) > 0.995  # float32 may see the other side of a cut
     assert jacobian_determinant(pushed(-4.0, 3.0, rule=rule), odd) == pytest.approx(1, abs=1e-6)
 
@@ -192,7 +192,7 @@ def test_cuts_in_space() -> None:
     flat = fitted(scattered(2.0), (MIDDLE,))
     for rule in (replicate(), modulate("1 - z")):
         field = Decoupled(tuple(extrude(plane, grid, [m], rule) for m in flat.fields), flat.sides, flat.regions, plane)
-        off = np.abs(jacobian_determinant(field, grid) - at_points(field, nodes(grid)))
+        off = np.abs(jacobian_determinant(field, grid) - determinants_at(field, nodes(grid)))
         assert np.mean(off < SINGLE) > 0.995
 
 

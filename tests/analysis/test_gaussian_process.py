@@ -102,7 +102,7 @@ def test_a_lattice_is_the_points_of_it() -> None:
     known = uncertainty(some_points(2))
     rows, columns = np.array([[0, 0, 0], [5, 20, 50.0]]), np.array([[0, 30.0], [0, 0]])
     expected = known.at(np.moveaxis(rows[:, :, None] + columns[:, None, :], 0, -1))
-    assert_allclose(known.on_outer_sum(rows, columns), expected, rtol=1e-6)
+    assert_allclose(known.lattice_values(rows, columns), expected, rtol=1e-6)
     assert known.at(np.zeros((0, 2))).shape == (0,)
     with pytest.raises(DeformError, match="shape"):
         known.at([[1.0, 2.0, 3.0]])

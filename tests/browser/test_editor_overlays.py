@@ -304,7 +304,7 @@ def test_beside_a_cut_the_map_that_is_seen_counts(opened: Any, picture: Picture,
     page.drag(points.target[4], OVER)
     field = page.editor.fit()
     at = page.raster().points()
-    moves, opacity = field.seen(at)
+    moves, opacity = field.displacement_and_opacity(at)
     assert moves.shape == at.shape
     folded = (determinant(page) <= 0) & (opacity > 0.5)
     painted, seen = red(page), on_picture(page, picture, 4)

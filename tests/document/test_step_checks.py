@@ -242,7 +242,7 @@ def test_the_uncertainty_of_a_plain_step_is_that_of_its_fit() -> None:
     places = np.random.default_rng(0).uniform(0, 63, (4, 5, 2))
     assert_allclose(known.at(places), expected.at(places))
     rows, columns = np.array([[0, 0], [3.0, 9.0]]), np.array([[1.0, 5.0, 9.0], [0, 0, 0]])
-    assert_allclose(known.on_outer_sum(rows, columns)[1, 2], expected.at([9.0, 9.0]), rtol=1e-6)
+    assert_allclose(known.lattice_values(rows, columns)[1, 2], expected.at([9.0, 9.0]), rtol=1e-6)
     with pytest.raises(DeformError, match="shape"):
         known.at([1.0, 2.0, 3.0])
 

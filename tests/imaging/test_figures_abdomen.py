@@ -79,7 +79,7 @@ def test_the_gap_is_as_wide_as_the_edges_have_moved(height: float) -> None:
     field = decoupled(STEP, BODY)
     edges = [
         warp_points([[180.0, height]], fit)[0][0]
-        for _, fit in field.of_source(np.array([[180.0, height]]))
+        for _, fit in field.fields_by_source(np.array([[180.0, height]]))
         if fit is not None
     ]
     row = np.linspace(60, 300, 4801)

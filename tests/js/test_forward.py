@@ -118,7 +118,7 @@ def test_every_region_has_a_fit_of_its_own(name: str) -> None:
         return at.map(([a, b]) => placeOf(layered, a, b, 6).slice()); }"""
     found = np.array(run_script(MAPS, main, {"points": as_json(points), "settings": settings, "at": AT.tolist()}))
     field = FitSettings(support=300.0, direction="forward").fit(points, cuts=regions, softness=6.0)
-    moves, opacity = field.seen(AT)
+    moves, opacity = field.displacement_and_opacity(AT)
     assert np.abs(found[:, :2] - moves)[opacity > 1e-6].max() < CLOSE
 
 

@@ -284,7 +284,7 @@ def test_what_is_seen_beside_cuts_is_that_of_the_package(name: str, with_parts: 
     fits = FitSettings(support=200.0).fits(points, parts, regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), tuple(regions), rule=rule, softness=6.0)
     assert [tuple(row) for row in sides] == list(fits)
-    moves, opacity = field.seen(at)
+    moves, opacity = field.displacement_and_opacity(at)
     assert 0 < opacity.mean() < 1
     is_seen = opacity > 1e-6  # elsewhere rounding chooses
     assert np.abs(np.array(found)[:, :2] - moves)[is_seen].max() < CLOSE

@@ -62,7 +62,7 @@ def test_slits_are_those_of_the_package(name: str) -> None:
     fits = FitSettings(**given).fits(points, parts, regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), tuple(regions), softness=6.0)
     assert [tuple(row) for row in found["sides"]] == list(fits)
-    moves, opacity = field.seen(at)
+    moves, opacity = field.displacement_and_opacity(at)
     is_seen = opacity > 1e-6  # elsewhere rounding chooses
     assert np.abs(np.array(found["seen"])[:, :2] - moves)[is_seen].max() < CLOSE
     assert np.abs(np.array(found["seen"])[:, 2] - opacity).max() < 1e-6

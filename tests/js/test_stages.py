@@ -146,7 +146,7 @@ def test_every_region_has_stages_of_its_own(name: str, rule: str) -> None:
     found = np.array(run_script(MAPS, main, {"points": as_json(points), "settings": settings, "at": AT.tolist()}))
     fits = FitSettings(support="box_diagonal", stages=4).fits(points, cuts=regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), tuple(regions), rule=rule, softness=6.0)
-    moves, opacity = field.seen(AT)
+    moves, opacity = field.displacement_and_opacity(AT)
     assert np.abs(found[:, :2] - moves)[opacity > 1e-6].max() < CLOSE
     assert np.abs(found[:, 2] - opacity).max() < 1e-6
 

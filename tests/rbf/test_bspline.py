@@ -25,7 +25,7 @@ ORIGINS = {2: (3.0, -7.0), 3: (3.0, -7.0, 2.0)}
 AXES = {2: ((8.0, -6.0), (6.0, 8.0)), 3: ((8.0, -4.8, 0.0), (6.0, 6.4, 0.0), (0.0, 0.0, 9.0))}
 
 
-def made(dim: int, order: int) -> BSplineField:
+def spline_field(dim: int, order: int) -> BSplineField:
     counts = (7, 6, 8)[:dim]
     return BSplineField(RANDOM.normal(size=(*counts, dim)), ORIGINS[dim], AXES[dim], order)
 
@@ -57,7 +57,7 @@ CASES = list(itertools.product((2, 3), ORDERS))
 
 @pytest.mark.parametrize(("dim", "order"), CASES)
 def test_the_displacement_is_the_sum_of_all_splines(dim: int, order: int) -> None:
-    field = made(dim, order)
+    field = spline_field(dim, order)
     points = places(field, 12)
     known = literal(field, points)
     assert 0 < (known == 0).all(axis=1).sum() < 12
@@ -66,7 +66,7 @@ def test_the_displacement_is_the_sum_of_all_splines(dim: int, order: int) -> Non
 
 @pytest.mark.parametrize(("dim", "order"), CASES)
 def test_jax_and_numpy_agree_and_derivatives_are_those_of_differences(dim: int, order: int) -> None:
-    field = made(dim, order)
+    field = spline_field(dim, order)
     points = places(field, 200)
     with float64():
         found = np.asarray(jax.jit(field.jax_displacement)(jnp.asarray(points)))
@@ -144,7 +144,7 @@ def test_a_spline_that_is_written_is_the_same_spline_for_itk(suffix: str, tmp_pa
         ),
         support=40.0,
     )
-    field = compose(fit, made(3, 3), Affine(np.eye(3) * 1.01, np.zeros(3)), made(3, 2))
+    field = compose(fit, spline_field(3, 3), Affine(np.eye(3) * 1.01, np.zeros(3)), spline_field(3, 2))
     path = tmp_path / f"a.{suffix}"
     write_transform(field, path, GRID)
     again, theirs = read_transform(path), sitk.ReadTransform(str(path))
@@ -178,7 +178,7 @@ def test_a_spline_is_warped_in_parts_and_inverted() -> None:
 
 
 def test_a_spline_in_another_unit_stays_a_spline(tmp_path: Path) -> None:
-    field, grid = made(3, 3), Grid((4, 5, 6), unit="\u00b5m")
+    field, grid = spline_field(3, 3), Grid((4, 5, 6), unit="\u00b5m")
     write_transform(field, tmp_path / "a.tfm", grid)  # lengths of the grid's unit, which become millimetres
     found = read_transform(tmp_path / "a.tfm")
     assert (type(found), found.unit) == (BSplineField, "mm")
@@ -191,7 +191,7 @@ def test_a_spline_in_another_unit_stays_a_spline(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_every_displacement_in_a_box_is_within_the_bounds(order: int) -> None:
-    field = made(3, order)
+    field = spline_field(3, order)
     for _ in range(40):
         ends = np.sort(places(field, 2, beyond=2.0), axis=0)
         low, high = DisplacementBounds(field, 1.0).over(ends[0], ends[1])

@@ -36,7 +36,7 @@ def anywhere(dim: int, n: int = 30) -> np.ndarray:
     return np.random.default_rng(8).uniform(-50, 150, (n, dim))
 
 
-def on_a_row(dim: int) -> np.ndarray:
+def collinear_points(dim: int) -> np.ndarray:
     return ROW[:, None] * np.array([0.6, 0.8, 0.0])[:dim] + 7
 
 
@@ -91,7 +91,7 @@ def test_one_point_without_trend_is_a_bump_of_a_given_reach(dim: int) -> None:
 @pytest.mark.parametrize("trend", ["affine", "similarity", "rigid"])
 def test_a_row_turned_by_any_angle_keeps_its_determinant(trend: str, dim: int, degrees: float, count: int) -> None:
     """The least-norm affine map has determinant 0.87, 0.50 and 0.00 at 30, 60 and 90 degrees."""
-    x = on_a_row(dim)[:count]
+    x = collinear_points(dim)[:count]
     m = turn(dim, degrees)
     fit = fit_rbf(ControlPoints.from_arrays(x @ m.T + 3, x), trend=trend)
     assert np.linalg.det(linear_part(fit)) == pytest.approx(1.0, abs=1e-5)  # in space 1e-6 of the last turn is mixed in
@@ -104,7 +104,7 @@ def test_a_row_turned_by_any_angle_keeps_its_determinant(trend: str, dim: int, d
 @pytest.mark.parametrize("kernel", ["thin_plate", "cubic", "wendland_c2", "multiquadric"])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_stretched_row_stretches_the_space_and_stays_bounded(kernel: str, dim: int) -> None:
-    x = on_a_row(dim)
+    x = collinear_points(dim)
     fit = fit_rbf(ControlPoints.from_arrays(1.5 * x, x), kernel=kernel, trend="affine")
     oracle.assert_close(linear_part(fit), 1.5 * np.eye(dim), atol=1e-9)
     d = np.random.default_rng(1).uniform(-12, 12, (5, dim))
@@ -116,7 +116,7 @@ def test_a_stretched_row_stretches_the_space_and_stays_bounded(kernel: str, dim:
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("kernel", ["thin_plate", "wendland_c2"])
 def test_a_row_straight_but_for_rounding_is_a_row(kernel: str, dim: int) -> None:
-    x = on_a_row(dim) + np.random.default_rng(0).normal(0, 1e-7, (5, dim))
+    x = collinear_points(dim) + np.random.default_rng(0).normal(0, 1e-7, (5, dim))
     d = np.random.default_rng(1).normal(0, 5, (5, dim))
     fit = fit_rbf(ControlPoints.from_arrays(x + d, x), kernel=kernel, trend="affine")
     assert any("on one line" in note for note in fit.notes)
@@ -125,7 +125,7 @@ def test_a_row_straight_but_for_rounding_is_a_row(kernel: str, dim: int) -> None
 
 
 def test_a_nearly_straight_row_that_makes_a_steep_trend_says_so() -> None:
-    x = on_a_row(2) + np.random.default_rng(0).normal(0, 1e-3, (5, 2))
+    x = collinear_points(2) + np.random.default_rng(0).normal(0, 1e-3, (5, 2))
     d = np.random.default_rng(1).normal(0, 5, (5, 2))
     points = ControlPoints.from_arrays(x + d, x)
     settings: list[dict[str, Any]] = [{"trend": "affine_exact"}, {"kernel": "thin_plate"}]
@@ -350,7 +350,7 @@ def test_any_set_gives_a_finite_field_that_interpolates_or_an_error(
     centre = points.target[active].mean(axis=0) if active else np.zeros(points.dim)
     x = centre + extent * np.random.default_rng(0).uniform(-2, 2, (10, points.dim))
     assert np.isfinite(fit.displacement(x)).all()
-    assert np.isfinite(fit.on_outer_sum(x.T, np.zeros((points.dim, 2)), extent / 100)).all()
+    assert np.isfinite(fit.lattice_values(x.T, np.zeros((points.dim, 2)), extent / 100)).all()
     used = [points.index(i) for i in fit.ids]
     places = np.asarray(fit.origin) + fit.support * np.asarray(fit.centers)[: len(used)]
     off = np.abs(places - points.target[used]).max(initial=0.0)
@@ -398,7 +398,7 @@ def nearly_straight(count: int, off: float, dim: int) -> list[np.ndarray]:
     return [one, zigzag, strewn] if off else [x]
 
 
-def beside(dim: int) -> np.ndarray:
+def points_near_line(dim: int) -> np.ndarray:
     """Places at half the row's length from it."""
     along = np.linspace(0, ROW_LENGTH, 11)
     angles = [0, np.pi] if dim == 2 else np.linspace(0, 2 * np.pi, 6, endpoint=False)
@@ -419,7 +419,7 @@ def supports_chosen(points: ControlPoints, kernel: str) -> list[float]:
 @pytest.mark.parametrize("kernel", [name for name, kind in KERNELS.items() if kind.order == 0])
 def test_a_point_dragged_in_a_row_leaves_what_lies_beside_the_row_in_place(kernel: str, count: int, dim: int) -> None:
     """A row of 100 mm whose middle is 2 mm off, dragged by 10 mm, moved places 50 mm next to it by 42 mm."""
-    places, drags = beside(dim), DRAG * np.eye(dim)[:2]
+    places, drags = points_near_line(dim), DRAG * np.eye(dim)[:2]
     for source in [s for off in (0.0, 0.1, 1.0, 2.0) for s in nearly_straight(count, off, dim)]:
         for moved, drag in itertools.product({0, count // 2}, [*drags, *-drags]):
             target = source.copy()
@@ -449,7 +449,7 @@ def test_the_note_on_a_flat_set_says_that_it_is_flat() -> None:
 def test_the_map_does_not_jump_while_a_point_is_dragged_across_the_line() -> None:
     """Steps of 1/100 of the row: the map next to it changes by little more than the drag, through s = 0 as well."""
     source = np.array([[0.0, 0], [50, 20], [100, 0]])
-    places, heights = beside(2), np.linspace(60, -60, 241)
+    places, heights = points_near_line(2), np.linspace(60, -60, 241)
     maps = [
         fit_rbf(ControlPoints.from_arrays(source, [[0, 0], [50, h], [100, 0]]), support=50.0).displacement(places)
         for h in heights

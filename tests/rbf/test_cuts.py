@@ -116,7 +116,7 @@ def test_the_paper_s_rule_is_the_paper_s(name: str, size: float) -> None:
 
     maps = {numbers[side]: fit.displacement for side, fit in fits.items()}
     field = Decoupled(tuple(fits.values()), tuple(fits), regions, rule="paper", softness=1e-9)
-    d, a = field.seen(places())
+    d, a = field.displacement_and_opacity(places())
     for x, found, opacity in zip(places(), d, a, strict=True):
         oracle.assert_close(found, oracle.equation_7(x, region, maps), atol=1e-12)
         assert opacity == oracle.equation_8(x, region, maps)
@@ -129,7 +129,7 @@ def test_the_source_rule_shows_what_any_region_has_brought(name: str, size: floa
     regions, points = CUTS[name], scattered(size)
     fits = FitSettings(support=SUPPORT).fits(points, cuts=regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), regions, softness=1e-9)
-    d, a = field.seen(places())
+    d, a = field.displacement_and_opacity(places())
     for x, found, opacity in zip(places(), d, a, strict=True):
         side = tuple(bool(r.signed_distance(x) < 0) for r in regions)
         own = fits[side].displacement(x) if side in fits else np.zeros(2)
@@ -168,7 +168,7 @@ def test_a_cut_that_nothing_pulls_is_not_seen(name: str, rule: str, softness: fl
     for some in (points, points.take([0, 1, 5]), points.take([10]), ControlPoints.empty(2)):
         field = fitted(some, CUTS[name], rule, softness)
         at = np.concatenate([places(), [[50, 40], [50, 33], [40, 50], [30, 30], [7, 40]]])
-        d, a = field.seen(at)
+        d, a = field.displacement_and_opacity(at)
         assert (a == 1).all()
         assert (d == 0).all()
 
@@ -199,7 +199,7 @@ def test_moving_both_sides_together_moves_the_picture(shift: float) -> None:
     """The rule "source" is the pure shift; the paper's leaves a false gap as wide as the shift."""
     source, paper = (pushed(shift, shift, rule=rule) for rule in ("source", "paper"))
     at = line_of()
-    d, a = source.seen(at)
+    d, a = source.displacement_and_opacity(at)
     assert (a == 1).all()
     oracle.assert_close(d, np.broadcast_to([-shift, 0.0], d.shape), atol=1e-9)
     gap = width(paper.opacity(at))
@@ -212,7 +212,7 @@ def test_four_quarters_pulled_apart_leave_a_cross() -> None:
     source = np.array([[25, 20], [75, 20], [25, 70], [75, 70.0]])
     field = fitted(ControlPoints.from_arrays(source, source + 3 * np.sign(source - [50, 40])), (MIDDLE, ACROSS))
     assert len(field.fields) == 4
-    d, a = field.seen(places(4000))
+    d, a = field.displacement_and_opacity(places(4000))
     dx, dy = np.abs(places(4000) - [50, 40]).T
     assert (a[(dx < 2.5) | (dy < 2.5)] == 0).all()
     solid = (dx > 3.5) & (dy > 3.5)
@@ -223,12 +223,13 @@ def test_four_quarters_pulled_apart_leave_a_cross() -> None:
 def test_a_region_without_points_stays() -> None:
     points = ControlPoints.from_arrays([[20, 50]], [[14, 50]])
     for rule in CUT_RULES:
-        d, a = fitted(points, (MIDDLE,), rule).seen([[70, 20], [51, 80], [45, 10], [30, 10], [50, 50]])
+        at = [[70, 20], [51, 80], [45, 10], [30, 10], [50, 50]]
+        d, a = fitted(points, (MIDDLE,), rule).displacement_and_opacity(at)
         assert d[:2].tolist() == [[0, 0], [0, 0]]
         assert a[:4].tolist() == [1, 1, 0, 1]
         oracle.assert_close(d[3], [6, 0], atol=1e-9)
     covered = fitted(ControlPoints.from_arrays([[20, 50]], [[26, 50]]), (MIDDLE,))
-    d, a = covered.seen([[53, 20], [70, 20], [49, 20]])
+    d, a = covered.displacement_and_opacity([[53, 20], [70, 20], [49, 20]])
     assert (a == 1).all()
     assert d[:2].tolist() == [[0, 0], [0, 0]]  # tissue there is in front of moved tissue
 
@@ -256,7 +257,7 @@ def test_opacity_is_a_share_whichever_way_the_cut_is_drawn(left: float, right: f
 @pytest.mark.parametrize("name", ["bent", "crossing", "mask"])
 def test_jax_and_rasters_say_what_points_say(name: str, rule: str) -> None:
     field = fitted(scattered(), CUTS[name], rule)
-    d, a = field.seen(places())
+    d, a = field.displacement_and_opacity(places())
     sure = (a == 0) | (a == 1)
     with float64():
         found = np.asarray(jax.jit(lambda f, x: f(x))(field, jnp.asarray(places())))
@@ -264,11 +265,11 @@ def test_jax_and_rasters_say_what_points_say(name: str, rule: str) -> None:
         sure &= a > 0
     oracle.assert_close(found[sure], d[sure], atol=1e-9)
     raster = Raster((21, 26), (3.9, 4.7), (1.3, 0.4))
-    values, opacity = field.seen_on_outer_sum(
+    values, opacity = field.lattice_values_and_opacity(
         np.stack([np.zeros(21), raster.rows]), np.stack([raster.columns, np.zeros(26)]), 1.0
     )
     assert opacity is not None
-    wanted, wanted_a = field.seen(raster.points())
+    wanted, wanted_a = field.displacement_and_opacity(raster.points())
     oracle.assert_close(opacity, wanted_a, atol=1e-4)
     shown = wanted_a > 1e-3
     oracle.assert_close(np.moveaxis(values, 0, -1)[shown], wanted[shown], atol=1e-4)
@@ -293,7 +294,7 @@ def test_cuts_in_space() -> None:
     points = ControlPoints.from_arrays([[1, 2, 3], [1, 2, -3]], [[1, 2, 5], [1, 2, -4]])
     fits = FitSettings().fits(points, cuts=[HalfSpace((0, 0, 0), (0, 0, 1))])
     field = Decoupled(tuple(fits.values()), tuple(fits), (HalfSpace((0, 0, 0), (0, 0, 1)),), softness=0.1)
-    d, a = field.seen([[9, 9, 2.5], [9, 9, 1.5], [0, 0, -0.5], [0, 0, -2.0]])
+    d, a = field.displacement_and_opacity([[9, 9, 2.5], [9, 9, 1.5], [0, 0, -0.5], [0, 0, -2.0]])
     assert a.tolist() == [1, 0, 0, 1]
     oracle.assert_close(d[[0, 3]], [[0, 0, -2], [0, 0, 1]], atol=1e-9)
 

@@ -108,7 +108,7 @@ class Made:
 
 
 @cache
-def made(kernel: str, name: str) -> Made:
+def fit_case(kernel: str, name: str) -> Made:
     return Made(kernel, name)
 
 
@@ -130,11 +130,11 @@ def single(m: Made) -> np.ndarray:
     return m.target.astype(np.float32)  # pixels are whole numbers, so nothing is rounded
 
 
-def on_device(m: Made) -> np.ndarray:
+def values_on_device(m: Made) -> np.ndarray:
     if not isinstance(m.fit, RBFInterpolant):  # local fits are evaluated on the host
         return m.fit(m.target)
     with devices.device_context():
-        parts, is_finite = m.fit.on_device(m.raster)
+        parts, is_finite = m.fit.evaluate_on_device(m.raster)
         assert is_finite
         return m.picked(np.stack(parts))
 
@@ -147,7 +147,7 @@ def one_after_the_other(m: Made) -> np.ndarray:
     return ends.T - m.target
 
 
-def in_file(m: Made, suffix: str) -> np.ndarray:
+def values_in_file(m: Made, suffix: str) -> np.ndarray:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"map{suffix}"
         write_transform(m.field, path, m.volume.grid)
@@ -171,7 +171,7 @@ PAGE = """({ points, settings, at, raster }) => {
 
 @cache
 def page(kernel: str, name: str) -> dict[str, Any] | None:
-    m = made(kernel, name)
+    m = fit_case(kernel, name)
     if len(m.points) > 400:  # the solver of exported pages takes n^3 operations in JavaScript: seconds from here on
         return None
     data = [
@@ -200,8 +200,8 @@ def page(kernel: str, name: str) -> dict[str, Any] | None:
     return found
 
 
-def on_page(m: Made, what: str) -> np.ndarray:
-    found = page(m.settings["kernel"], next(name for name in SETS if made(m.settings["kernel"], name) is m))
+def values_on_page(m: Made, what: str) -> np.ndarray:
+    found = page(m.settings["kernel"], next(name for name in SETS if fit_case(m.settings["kernel"], name) is m))
     if found is None:
         return m.fit(m.target)
     if what == "at":
@@ -218,13 +218,15 @@ EVALUATORS = {
     "displacement": Evaluator(lambda m: m.fit.displacement(m.target), ("displacement",)),
     "jit": Evaluator(lambda m: jax.jit(m.fit)(single(m)), ("jax_displacement",)),
     "vmap": Evaluator(lambda m: jax.jit(jax.vmap(m.fit))(single(m)[:50]), ("jax_displacement",)),
-    "seen": Evaluator(lambda m: m.fit.seen(m.target)[0], ("seen",)),
+    "seen": Evaluator(lambda m: m.fit.displacement_and_opacity(m.target)[0], ("displacement_and_opacity",)),
     "on a raster": Evaluator(lambda m: m.picked(m.fit.on_raster(m.raster)), ("on_raster",), LATTICE),
-    "on lines": Evaluator(lambda m: m.picked(m.fit.on_outer_sum(*lines(m), 1.0)), ("on_outer_sum",), LATTICE),
+    "on lines": Evaluator(lambda m: m.picked(m.fit.lattice_values(*lines(m), 1.0)), ("lattice_values",), LATTICE),
     "seen on lines": Evaluator(
-        lambda m: m.picked(m.fit.seen_on_outer_sum(*lines(m), 1.0)[0]), ("seen_on_outer_sum",), LATTICE
+        lambda m: m.picked(m.fit.lattice_values_and_opacity(*lines(m), 1.0)[0]),
+        ("lattice_values_and_opacity",),
+        LATTICE,
     ),
-    "on the device": Evaluator(on_device, ("on_device",), LATTICE),
+    "on the device": Evaluator(values_on_device, ("evaluate_on_device",), LATTICE),
     "one after the other": Evaluator(one_after_the_other, ("radial_sum", "type_within"), LATTICE),
     "extrusion": Evaluator(lambda m: m.field(m.space)[:, :2], ("__call__",)),
     "extrusion in jit": Evaluator(lambda m: jax.jit(m.field)(m.space.astype(np.float32))[:, :2], ("__call__",)),
@@ -239,12 +241,12 @@ EVALUATORS = {
         LATTICE,
     ),
     "document": Evaluator(lambda m: from_json(to_json(m.deformation)).field(m.volume.grid)(m.space)[:, :2], ()),
-    "transform file": Evaluator(lambda m: in_file(m, ".nrrd"), (), LATTICE),
-    "transform file in 64 bits": Evaluator(lambda m: in_file(m, ".h5"), (), LATTICE),
+    "transform file": Evaluator(lambda m: values_in_file(m, ".nrrd"), (), LATTICE),
+    "transform file in 64 bits": Evaluator(lambda m: values_in_file(m, ".h5"), (), LATTICE),
     "warp": Evaluator(lambda m: warped(m, m.deformation), (), LATTICE),
     "warp of a composition": Evaluator(lambda m: warped(m, compose(m.field, SHIFT), 1), (), NODES),
-    "page": Evaluator(lambda m: on_page(m, "at"), ()),
-    "raster of a page": Evaluator(lambda m: on_page(m, "map"), (), LATTICE),
+    "page": Evaluator(lambda m: values_on_page(m, "at"), ()),
+    "raster of a page": Evaluator(lambda m: values_on_page(m, "map"), (), LATTICE),
 }
 
 # Public callables of maps that give no displacements of given places: derivatives have a separate test below.
@@ -291,7 +293,7 @@ def promised(m: Made, share: float) -> float:
 @pytest.mark.parametrize("kernel", sorted(BUILT_IN))
 @pytest.mark.parametrize("name", SETS)
 def test_points_are_met_by_every_evaluator(name: str, kernel: str, evaluator: str) -> None:
-    m, way = made(kernel, name), EVALUATORS[evaluator]
+    m, way = fit_case(kernel, name), EVALUATORS[evaluator]
     got = np.asarray(way.at_targets(m), dtype=float)
     miss = np.abs(got - m.wanted[: len(got)]).max()
     more = m.fit.bound() - promised(m, 0.0)  # which a note states
@@ -303,7 +305,7 @@ def test_points_are_met_by_every_evaluator(name: str, kernel: str, evaluator: st
 
 @pytest.mark.parametrize("kernel", sorted(BUILT_IN))
 def test_arrays_stay_numpy_and_what_jax_follows_stays_jax(kernel: str) -> None:
-    fit = made(kernel, "few").fit
+    fit = fit_case(kernel, "few").fit
     for x in (np.zeros((3, 2)), np.zeros((3, 2), np.float32), np.zeros((3, 2), int), [[0, 0]], jax.numpy.zeros(2)):
         got = fit(x)
         assert isinstance(got, np.ndarray)
@@ -323,7 +325,7 @@ def test_arrays_stay_numpy_and_what_jax_follows_stays_jax(kernel: str) -> None:
 
 @pytest.mark.parametrize("kernel", sorted(BUILT_IN))
 def test_between_points_too_it_is_the_system_in_fifty_digits(kernel: str) -> None:
-    m = made(kernel, "few")
+    m = fit_case(kernel, "few")
     at = (m.target[:4] + m.target[1:5]) / 2 + [0.5, 0.25]  # halves and quarters are exact in 32 bits
     wanted = oracle.fifty_digits(m.target, m.wanted, kernel, m.settings["support"], m.settings["trend"], at)
     scale = EXACT * np.abs(m.wanted).max()
@@ -336,7 +338,7 @@ def test_between_points_too_it_is_the_system_in_fifty_digits(kernel: str) -> Non
 @pytest.mark.parametrize("name", SETS)
 def test_derivatives_are_those_of_differences(name: str, kernel: str) -> None:
     """Central differences of D in 64 bits, whose own error is 1e-10 |D| / h plus h^2 of the third derivative."""
-    m, h = made(kernel, name), 1e-4
+    m, h = fit_case(kernel, name), 1e-4
     inner = m.pixels[np.linspace(0, len(m.pixels) - 1, 12).astype(int)] + [1, 2]  # next to the points, where kinks are
     x = inner.astype(float)
     wanted = np.stack([(m.fit(x + h * e) - m.fit(x - h * e)) / (2 * h) for e in np.eye(2)], axis=-1)
@@ -354,7 +356,7 @@ def test_derivatives_are_those_of_differences(name: str, kernel: str) -> None:
 @pytest.mark.parametrize("kernel", sorted(BUILT_IN))
 @pytest.mark.parametrize("name", [name for name in SETS if name != "local"])
 def test_the_error_of_32_bits_is_not_above_its_estimate(name: str, kernel: str) -> None:
-    m = made(kernel, name)
+    m = fit_case(kernel, name)
     if not isinstance(m.fit, RBFInterpolant):
         pytest.skip("the system of all is singular; local fits are evaluated in 64 bits")
     x = m.target[:200] + 0.3
@@ -423,7 +425,7 @@ def samples() -> DisplacementField:
 MAPS: dict[str, Callable[[], AbstractField]] = {
     "RBFInterpolant": steep,
     "LocalFits": lambda: fit_locally(
-        prepare(made("multiquadric", "few").points, KERNELS["multiquadric"], 10.0, TRENDS["affine"], 0.0),
+        prepare(fit_case("multiquadric", "few").points, KERNELS["multiquadric"], 10.0, TRENDS["affine"], 0.0),
         KERNELS["multiquadric"],
         0.0,
     ),
@@ -476,7 +478,7 @@ def test_a_map_gives_the_same_place_by_every_door(kind: str) -> None:
 
 
 def test_a_plane_in_space_is_evaluated_as_its_map_is() -> None:
-    m = made("thin_plate", "few")
+    m = fit_case("thin_plate", "few")
     plane = Plane.from_view(Grid((2, m.size, m.size)), "+z")
     field = Extrusion(plane, (0.0, 1.0), (m.fit,), np.array([0.0, 1.0]), np.ones((1, 2)))
     np.testing.assert_allclose(field(m.space)[:, :2], m.fit(m.target), atol=1e-12)

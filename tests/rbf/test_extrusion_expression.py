@@ -56,7 +56,7 @@ def grown(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
     )
 
 
-def by_python(text: str, z: float) -> Any:
+def evaluate_in_python(text: str, z: float) -> Any:
     return eval(text.replace("^", "**"), {"__builtins__": {}}, {**WITH_PYTHON, "z": z})
 
 
@@ -71,7 +71,7 @@ def test_agrees_with_python(text: str) -> None:
     theirs = []
     for z in Z:
         try:
-            value = by_python(text, float(z))
+            value = evaluate_in_python(text, float(z))
             theirs.append(float(value) if not isinstance(value, complex) else math.nan)
         except (ZeroDivisionError, ValueError, OverflowError):
             theirs.append(math.nan)

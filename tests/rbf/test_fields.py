@@ -181,7 +181,7 @@ def test_values_on_a_grid_are_those_at_its_points(name: str, which: str) -> None
 def test_an_outer_sum_is_that_of_its_points(dim: int, name: str) -> None:
     rng = np.random.default_rng(2)
     rows, columns = rng.uniform(0, 20, (dim, 5)), rng.uniform(0, 5, (dim, 3))
-    got = field(dim, name).on_outer_sum(rows, columns, 1.0)
+    got = field(dim, name).lattice_values(rows, columns, 1.0)
     wanted = field(dim, name).displacement((rows[:, :, None] + columns[:, None, :]).transpose(1, 2, 0))
     assert got.shape == (dim, 5, 3)
     oracle.assert_close(got, wanted.transpose(2, 0, 1), atol=SINGLE, rtol=1e-6)

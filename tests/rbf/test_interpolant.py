@@ -558,7 +558,7 @@ def test_their_fit_is_that_of_the_literal_system(dim: int) -> None:
     np.testing.assert_allclose(fit.displacement(at), expected, atol=CLOSE * 10)
     np.testing.assert_allclose(np.asarray(fit(at)), expected, atol=1e-3)
     lines = np.zeros((dim, 1))
-    np.testing.assert_allclose(fit.on_outer_sum(at.T, lines, 1.0)[:, :, 0].T, expected, atol=1e-3)
+    np.testing.assert_allclose(fit.lattice_values(at.T, lines, 1.0)[:, :, 0].T, expected, atol=1e-3)
 
 
 def test_a_radius_that_is_that_of_all_changes_nothing() -> None:

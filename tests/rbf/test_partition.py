@@ -86,14 +86,14 @@ def test_lists_of_centres_leave_every_sum_as_it_is(
     whole = [
         fit.displacement(x),
         fit.jacobian(x),
-        fit.on_outer_sum(rows, columns, 1.0),
+        fit.lattice_values(rows, columns, 1.0),
         fit.jacobian_on_outer_sum(rows, columns),
     ]
     monkeypatch.setattr(evaluation, "CULLED", 8)
     listed = [
         fit.displacement(x),
         fit.jacobian(x),
-        fit.on_outer_sum(rows, columns, 1.0),
+        fit.lattice_values(rows, columns, 1.0),
         fit.jacobian_on_outer_sum(rows, columns),
     ]
     for one, other, close in zip(whole, listed, (1e-11, 1e-11, 1e-3, 1e-3), strict=True):

@@ -83,7 +83,7 @@ def test_all_ways_to_evaluate_agree() -> None:
         if one is alone.fields[0]:  # the others would be compiled too
             with float64():
                 np.testing.assert_allclose(np.asarray(one(jnp.asarray(x))), d, atol=1e-9)
-        np.testing.assert_allclose(np.moveaxis(one.on_outer_sum(rows, columns, 1.0), 0, -1), d, atol=2e-4)
+        np.testing.assert_allclose(np.moveaxis(one.lattice_values(rows, columns, 1.0), 0, -1), d, atol=2e-4)
         slope = one.jacobian(x)
         beside = [(one.displacement(x + h) - one.displacement(x - h)) / 2e-4 for h in 1e-4 * np.eye(2)]
         np.testing.assert_allclose(slope, np.stack(beside, axis=-1), atol=1e-6)

@@ -38,7 +38,7 @@ def _ellipse(a: float, b: float, count: int = 720) -> NDArray[np.float64]:
     return np.stack([50 + a * np.cos(t), 50 + b * np.sin(t)], axis=1)
 
 
-def _on_arc(curve: ClosedCurve, s: Any) -> NDArray[np.float64]:
+def _points_on_arc(curve: ClosedCurve, s: Any) -> NDArray[np.float64]:
     return curve.at(np.asarray(s) * curve.length)
 
 
@@ -138,7 +138,7 @@ def _slid_off(count: int = 20) -> tuple[ControlPoints, NDArray[np.float64]]:
     curve, share = ClosedCurve(line), np.arange(count) / count
     off = 0.012 * np.sin(2 * np.pi * share * 3) + 0.008 * np.cos(2 * np.pi * share)
     off[::5] = 0
-    return ControlPoints.from_arrays(_on_arc(curve, share), _on_arc(curve, share + off)), line
+    return ControlPoints.from_arrays(_points_on_arc(curve, share), _points_on_arc(curve, share + off)), line
 
 
 def test_on_identical_outlines_they_return_to_their_places() -> None:

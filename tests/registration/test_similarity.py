@@ -29,26 +29,26 @@ RNG = np.random.default_rng(5)
 A, W = RNG.random(400), (RNG.random(400) > 0.2).astype(float)
 
 
-def _alike(name: str, a: Any, b: Any, w: Any = W) -> float:
+def _similarity(name: str, a: Any, b: Any, w: Any = W) -> float:
     with float64():
         return float(MEASURES[name](a, b, w))
 
 
 def test_correlation_is_that_of_numpy_where_the_weight_is() -> None:
     b = A**2 + 0.2 * RNG.random(400)
-    assert _alike("ncc", A, b) == pytest.approx(np.corrcoef(A[W > 0], b[W > 0])[0, 1], abs=1e-6)
-    assert _alike("ncc", A, 1 - A) == pytest.approx(-1, abs=1e-6)
+    assert _similarity("ncc", A, b) == pytest.approx(np.corrcoef(A[W > 0], b[W > 0])[0, 1], abs=1e-6)
+    assert _similarity("ncc", A, 1 - A) == pytest.approx(-1, abs=1e-6)
 
 
 def test_squared_difference_is_a_share_of_the_variance() -> None:
     b = RNG.random(400)
     some = W > 0
-    assert _alike("ssd", A, b) == pytest.approx(-((A - b)[some] ** 2).mean() / b[some].var(), rel=1e-6)
-    assert _alike("ssd", A, A) == 0
+    assert _similarity("ssd", A, b) == pytest.approx(-((A - b)[some] ** 2).mean() / b[some].var(), rel=1e-6)
+    assert _similarity("ssd", A, A) == 0
 
 
 def test_mutual_information_knows_a_picture_turned_into_its_negative() -> None:
-    same, negative, folded, other = (_alike("mi", A, b) for b in (A, 1 - A, np.abs(A - 0.5), RNG.random(400)))
+    same, negative, folded, other = (_similarity("mi", A, b) for b in (A, 1 - A, np.abs(A - 0.5), RNG.random(400)))
     assert same == pytest.approx(negative, rel=1e-9)
     assert same > 0.3
     assert same > folded > 2 * other  # one grey value of b is two of a
@@ -63,7 +63,7 @@ def test_mutual_information_of_two_equal_halves_is_one() -> None:
     one = np.concatenate([soft, soft]) / 2
     joint = np.concatenate([np.outer(soft, soft).ravel()] * 2) / 2
     entropy = [-(p * np.log(p)).sum() for p in (one, joint)]
-    assert _alike("mi", a, a, np.ones(100)) == pytest.approx(2 * entropy[0] / entropy[1] - 1, rel=1e-9)
+    assert _similarity("mi", a, a, np.ones(100)) == pytest.approx(2 * entropy[0] / entropy[1] - 1, rel=1e-9)
 
 
 def test_an_unknown_measure_is_refused_with_the_names() -> None:

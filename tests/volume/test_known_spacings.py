@@ -29,7 +29,7 @@ TRUE = (0.5, 1.0, 2.0)
 
 
 @pytest.fixture
-def in_file(monkeypatch: pytest.MonkeyPatch) -> Volume:
+def scan(monkeypatch: pytest.MonkeyPatch) -> Volume:
     """A volume as in its file, with a spacing that the table lists as wrong."""
     values = np.zeros((9, 12, 10), np.uint8)
     values[2:7, 3:9, 2:8] = np.random.default_rng(4).integers(50, 250, (5, 6, 6))
@@ -48,18 +48,18 @@ def in_file(monkeypatch: pytest.MonkeyPatch) -> Volume:
 
 
 @pytest.fixture
-def file(in_file: Volume, tmp_path: Path) -> Path:
+def file(scan: Volume, tmp_path: Path) -> Path:
     path = tmp_path / "any name.nrrd"
-    write_volume(in_file, path)
+    write_volume(scan, path)
     return path
 
 
-def older(in_file: Volume, **options: Any) -> Deformation:
+def older(scan: Volume, **options: Any) -> Deformation:
     """A document as an earlier version has made it, on the spacing of the file."""
     corners = [[1.0, 1], [8, 1], [1, 7], [8, 7]]
     points = ControlPoints.from_arrays([*corners, [5, 4]], [*corners, [6, 5]])
-    made = Deformation.from_picture_points(in_file.grid, "+y", points, support=9.0, trend="none", **options)
-    return replace(made, volume=VolumeReference.of(in_file))
+    made = Deformation.from_picture_points(scan.grid, "+y", points, support=9.0, trend="none", **options)
+    return replace(made, volume=VolumeReference.of(scan))
 
 
 def test_every_row_of_the_table_is_plain_data_that_a_page_can_read() -> None:
@@ -95,58 +95,58 @@ def test_no_other_volume_is_hashed_or_changed(
     assert not [note for note in read_volume(real_data(name)).notes if "wrong" in note]
 
 
-def test_a_copy_under_another_name_and_kind_is_known_by_its_voxels(in_file: Volume, tmp_path: Path) -> None:
+def test_a_copy_under_another_name_and_kind_is_known_by_its_voxels(scan: Volume, tmp_path: Path) -> None:
     for suffix in (".nii.gz", ".nii", ".mha", ".npy"):
-        write_volume(in_file, tmp_path / f"copy{suffix}")
+        write_volume(scan, tmp_path / f"copy{suffix}")
         volume = read_volume(tmp_path / f"copy{suffix}")
         assert volume.grid.spacing == pytest.approx(TRUE), suffix
-        assert volume.grid.origin == pytest.approx(in_file.grid.origin)
+        assert volume.grid.origin == pytest.approx(scan.grid.origin)
         assert len(volume.notes) == 1
-    one_off = Volume(np.where(in_file.values == in_file.values.max(), 0, in_file.values).astype(np.uint8), in_file.grid)
+    one_off = Volume(np.where(scan.values == scan.values.max(), 0, scan.values).astype(np.uint8), scan.grid)
     write_volume(one_off, tmp_path / "other.nrrd")
     assert read_volume(tmp_path / "other.nrrd").grid.spacing == (1, 1, 1)
-    write_volume(replace(in_file, grid=replace(in_file.grid, spacing=TRUE)), tmp_path / "right.nrrd")
+    write_volume(replace(scan, grid=replace(scan.grid, spacing=TRUE)), tmp_path / "right.nrrd")
     assert read_volume(tmp_path / "right.nrrd").notes == ()
 
 
-def test_an_older_document_gives_the_same_voxels_with_the_true_spacing(in_file: Volume, file: Path) -> None:
-    document = older(in_file)
-    then = document.apply(in_file)
+def test_an_older_document_gives_the_same_voxels_with_the_true_spacing(scan: Volume, file: Path) -> None:
+    document = older(scan)
+    then = document.apply(scan)
     now = document.apply(read_volume(file))
     np.testing.assert_array_equal(now.values, then.values)
-    assert (now.values != in_file.values).any()
+    assert (now.values != scan.values).any()
     assert now.grid.spacing == TRUE
-    assert now.grid.origin == in_file.grid.origin
+    assert now.grid.origin == scan.grid.origin
     assert [note for note in now.notes if "wrong spacing of its file" in note]
     again = document.apply(read_volume(file, spacing=(1.0, 1.0, 1.0)))
-    assert again.grid == in_file.grid
+    assert again.grid == scan.grid
     assert again.notes == then.notes
 
 
-def test_the_box_of_an_older_document_keeps_its_voxels(in_file: Volume, file: Path) -> None:
-    box = in_file.grid.resampled(spacing=0.5, margin=2.0)
-    document = replace(older(in_file), output=box)
-    then, now = document.apply(in_file), document.apply(read_volume(file))
+def test_the_box_of_an_older_document_keeps_its_voxels(scan: Volume, file: Path) -> None:
+    box = scan.grid.resampled(spacing=0.5, margin=2.0)
+    document = replace(older(scan), output=box)
+    then, now = document.apply(scan), document.apply(read_volume(file))
     np.testing.assert_array_equal(now.values, then.values)
     assert now.grid.spacing == (0.25, 0.5, 1.0)
     volume = read_volume(file)
-    there = in_file.grid.point_to_index(box.origin)
+    there = scan.grid.point_to_index(box.origin)
     assert volume.grid.point_to_index(now.grid.origin) == pytest.approx(there)
     with pytest.raises(DeformError, match="no other grid than its own"):
         document.apply(volume, output=volume.grid)
 
 
-def test_a_replay_of_an_older_document_gives_the_same_voxels(in_file: Volume, file: Path, tmp_path: Path) -> None:
-    document = older(in_file)
+def test_a_replay_of_an_older_document_gives_the_same_voxels(scan: Volume, file: Path, tmp_path: Path) -> None:
+    document = older(scan)
     done = replay(document, [file], tmp_path / "out")
     assert [r.state for r in done] == ["done"], done[0].message
     result = read_volume(tmp_path / "out" / file.name)
-    np.testing.assert_array_equal(result.values, document.apply(in_file).values)
+    np.testing.assert_array_equal(result.values, document.apply(scan).values)
     assert result.grid.spacing == TRUE
 
 
-def test_an_older_document_is_edited_on_the_same_voxels(in_file: Volume, file: Path, tmp_path: Path) -> None:
-    document, volume = older(in_file), read_volume(file)
+def test_an_older_document_is_edited_on_the_same_voxels(scan: Volume, file: Path, tmp_path: Path) -> None:
+    document, volume = older(scan), read_volume(file)
     write_deformation(document, tmp_path / "old.json")
     for begun in (Session(volume, document), Session(volume)):
         if len(begun.editing.points) == 4:  # a new session
@@ -155,7 +155,7 @@ def test_an_older_document_is_edited_on_the_same_voxels(in_file: Volume, file: P
             assert begun.files.path is None
         assert "wrong spacing of its file" in begun.editing.notice
         index = volume.grid.point_to_index(begun.editing.plane.from_plane(begun.editing.points.target))
-        then = in_file.grid.point_to_index(document.steps[0].plane.from_plane(document.steps[0].points.target))
+        then = scan.grid.point_to_index(document.steps[0].plane.from_plane(document.steps[0].points.target))
         np.testing.assert_allclose(index[..., [0, 2]], then[..., [0, 2]], atol=1e-9)
         assert begun.files.difference(begun.document()) == ""
         assert begun.document().volume.spacing == TRUE
@@ -164,9 +164,9 @@ def test_an_older_document_is_edited_on_the_same_voxels(in_file: Volume, file: P
     assert fresh.apply(volume).grid == volume.grid
 
 
-def test_what_cannot_be_laid_on_the_true_spacing_is_refused_with_a_way_on(in_file: Volume, file: Path) -> None:
+def test_what_cannot_be_laid_on_the_true_spacing_is_refused_with_a_way_on(scan: Volume, file: Path) -> None:
     turn = RigidPart(Polygon(((3, 3), (6, 3), (5, 6))), RigidMotion.turn(20.0, (4.0, 4.0)))
-    document = replace(older(in_file), steps=(replace(older(in_file).steps[0], parts=(turn,)),))
+    document = replace(older(scan), steps=(replace(older(scan).steps[0], parts=(turn,)),))
     volume = read_volume(file)
     with pytest.raises(OtherVolumeError, match=r"spacing=\(1.0, 1.0, 1.0\)"):
         with_true_spacing(document, volume.grid)
@@ -176,8 +176,8 @@ def test_what_cannot_be_laid_on_the_true_spacing_is_refused_with_a_way_on(in_fil
     assert as_told.editing.deformation.steps == document.steps
 
 
-def test_a_document_of_another_volume_is_left_alone(in_file: Volume, file: Path) -> None:
+def test_a_document_of_another_volume_is_left_alone(scan: Volume, file: Path) -> None:
     volume = read_volume(file)
-    document = older(in_file)
+    document = older(scan)
     for made in (None, replace(document.volume, sha256="0" * 64), VolumeReference.of(volume)):
         assert with_true_spacing(replace(document, volume=made), volume.grid) == (replace(document, volume=made), "")

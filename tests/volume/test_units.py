@@ -118,13 +118,13 @@ def _raw(path: Path, unit: str) -> Path:
 
 
 def _sitk(suffix: str) -> Callable[[Path, str], Path]:
-    def made(path: Path, _unit: str) -> Path:
+    def make(path: Path, _unit: str) -> Path:
         image = sitk.GetImageFromArray(VALUES)
         image.SetSpacing(SPACING)
         sitk.WriteImage(image, str(path / f"a{suffix}"))
         return path / f"a{suffix}"
 
-    return made
+    return make
 
 
 def _vti(path: Path, _unit: str) -> Path:
@@ -153,16 +153,16 @@ SOURCES: dict[str, tuple[Callable[[Path, str], Path], tuple[str, ...]]] = {
 Sizes = tuple[float, ...]
 
 
-def _of_nibabel(image: Any) -> Sizes:
+def _read_nibabel(image: Any) -> Sizes:
     metre = {"meter": 1.0, "mm": 1e-3, "micron": 1e-6}[image.header.get_xyzt_units()[0]]
     return tuple(metre * float(zoom) for zoom in image.header.get_zooms()[:3])
 
 
-def _of_itk(path: Path) -> Sizes:
+def _read_itk(path: Path) -> Sizes:
     return tuple(1e-3 * length for length in sitk.ReadImage(str(path)).GetSpacing())
 
 
-def _of_ome(path: Path) -> Sizes:
+def _read_ome(path: Path) -> Sizes:
     with tifffile.TiffFile(path) as file:
         [pixels] = ElementTree.fromstring(file.ome_metadata).iterfind(".//{*}Pixels")
         tags, centimetre = file.pages[0].tags, 1e-2
@@ -178,7 +178,7 @@ def _of_ome(path: Path) -> Sizes:
     return sizes
 
 
-def _of_zarr(path: Path) -> Sizes:
+def _read_zarr(path: Path) -> Sizes:
     attributes = dict(zarr.open_group(str(path), mode="r").attrs)
     about = attributes.get("ome", attributes)["multiscales"][0]
     metre = {name: METRES[symbol] for symbol, name in NAMES.items()}
@@ -186,35 +186,35 @@ def _of_zarr(path: Path) -> Sizes:
     return tuple(metre[axis["unit"]] * length for axis, length in zip(about["axes"], scale, strict=True))[::-1]
 
 
-def _of_nrrd(path: Path) -> Sizes:
+def _read_nrrd(path: Path) -> Sizes:
     header = nrrd.read_header(str(path))
     assert "space units" not in header
     sizes = tuple(1e-3 * np.linalg.norm(header["space directions"], axis=1))
-    assert sizes == pytest.approx(_of_itk(path))
+    assert sizes == pytest.approx(_read_itk(path))
     return sizes
 
 
-def _of_vti(path: Path) -> Sizes:
+def _read_vti(path: Path) -> Sizes:
     return tuple(1e-3 * length for length in pyvista.read(path).spacing)
 
 
-def _of_json(path: Path) -> Sizes:
+def _read_json(path: Path) -> Sizes:
     about = json.loads(path.with_name(path.name + ".json").read_text(encoding="utf-8"))
     return tuple(METRES[about["unit"]] * length for length in about["spacing"])
 
 
 READERS: dict[str, Callable[[Path], Sizes]] = {
-    ".nii.gz": lambda path: _of_nibabel(nibabel.load(path)),
-    ".nii": _of_itk,
-    ".nrrd": _of_nrrd,
-    ".nhdr": _of_itk,
-    ".mha": _of_itk,
-    ".mhd": _of_itk,
-    ".vti": _of_vti,
-    ".npy": _of_json,
-    ".raw": _of_json,
-    ".zarr": _of_zarr,
-    ".ome.tif": _of_ome,
+    ".nii.gz": lambda path: _read_nibabel(nibabel.load(path)),
+    ".nii": _read_itk,
+    ".nrrd": _read_nrrd,
+    ".nhdr": _read_itk,
+    ".mha": _read_itk,
+    ".mhd": _read_itk,
+    ".vti": _read_vti,
+    ".npy": _read_json,
+    ".raw": _read_json,
+    ".zarr": _read_zarr,
+    ".ome.tif": _read_ome,
 }
 
 
@@ -243,7 +243,7 @@ def _xarray(source: Path, _folder: Path) -> Sizes:
 
 def _chunked(source: Path, folder: Path) -> Sizes:
     dn.chunked.warp(source, Identity(3), folder / "out.zarr")
-    return _of_zarr(folder / "out.zarr")
+    return _read_zarr(folder / "out.zarr")
 
 
 def _command(suffix: str) -> Callable[[Path, Path], Sizes]:
@@ -260,10 +260,10 @@ def _command(suffix: str) -> Callable[[Path, Path], Sizes]:
 
 def _session(source: Path, folder: Path) -> Sizes:
     export(Session(dn.read_volume(source)), folder / "out.nii.gz")
-    return _of_nibabel(nibabel.load(folder / "out.nii.gz"))
+    return _read_nibabel(nibabel.load(folder / "out.nii.gz"))
 
 
-def _shown(source: Path, _folder: Path) -> Sizes:
+def _read_repr(source: Path, _folder: Path) -> Sizes:
     """The repr, as people read it."""
     *lengths, unit = re.search(
         r"spacing ([\d.e+-]+) x ([\d.e+-]+) x ([\d.e+-]+) (\S+)>", repr(dn.read_volume(source))
@@ -273,7 +273,7 @@ def _shown(source: Path, _folder: Path) -> Sizes:
 
 WAYS: dict[str, Callable[[Path, Path], Sizes]] = {
     **{suffix: _written(suffix) for suffix in READERS},
-    "to_nibabel": lambda source, _: _of_nibabel(dn.read_volume(source).to_nibabel()),
+    "to_nibabel": lambda source, _: _read_nibabel(dn.read_volume(source).to_nibabel()),
     "to_sitk": lambda source, _: tuple(1e-3 * s for s in dn.read_volume(source).to_sitk().GetSpacing()),
     "to_pyvista": lambda source, _: tuple(1e-3 * s for s in dn.read_volume(source).to_pyvista().spacing),
     "to_napari": _napari,
@@ -283,7 +283,7 @@ WAYS: dict[str, Callable[[Path, Path], Sizes]] = {
     "command tiff": _command(".ome.tif"),
     "command zarr": _command(".zarr"),
     "session": _session,
-    "repr": _shown,
+    "repr": _read_repr,
 }
 
 

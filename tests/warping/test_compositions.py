@@ -50,7 +50,7 @@ def test_a_chain_is_its_composition(name: str, rule: str) -> None:
     nz, ny, nx = GRID.shape
     index = np.stack(np.meshgrid(np.arange(nx), np.arange(ny), np.arange(nz), indexing="ij"), axis=-1)
     points = GRID.index_to_point(index).transpose(2, 1, 0, 3)
-    wanted, share = field.seen(points)
+    wanted, share = field.displacement_and_opacity(points)
     # Next to a border a place that is a rounding to one side of it shows the other region: there D jumps.
     same = np.linalg.norm(np.moveaxis(d, 0, -1) - wanted, axis=-1) <= ERROR * min(GRID.spacing) + 1e-5
     assert same.mean() > 0.995
@@ -63,7 +63,7 @@ def test_a_chain_beside_a_cut_that_stops_is_its_composition() -> None:
     field = Deformation((step("+z", rule="source", stops=(False, True)), step("+y"))).field(GRID)
     d, opacity = chain_at_voxels(field, GRID)
     index = np.stack(np.meshgrid(*map(np.arange, GRID.shape), indexing="ij"), axis=-1)
-    wanted, share = field.seen(GRID.index_to_point(index[..., ::-1]))
+    wanted, share = field.displacement_and_opacity(GRID.index_to_point(index[..., ::-1]))
     same = np.linalg.norm(np.moveaxis(d, 0, -1) - wanted, axis=-1) <= ERROR * min(GRID.spacing) + 1e-5
     assert same.mean() > 0.995
     assert opacity is not None

@@ -34,12 +34,12 @@ def points(dim: int, seed: int, centre: np.ndarray, size: float, drag: float) ->
     return ControlPoints.from_arrays(target + drag * wave, target)
 
 
-def on_plane(view: str, seed: int, drag: float = 2.0, **options: object) -> Step:
+def plane_step(view: str, seed: int, drag: float = 2.0, **options: object) -> Step:
     plane = Plane.from_view(GRID, view)
     return Step((points(2, seed, plane.to_plane(np.array(GRID.center)), 12.0, drag),), plane, support=60.0, **options)  # type: ignore[arg-type]
 
 
-def in_space(seed: int, drag: float = 2.0, **options: object) -> Step:
+def space_step(seed: int, drag: float = 2.0, **options: object) -> Step:
     return Step((points(3, seed, np.array(GRID.center), 12.0, drag),), support=60.0, **options)  # type: ignore[arg-type]
 
 
@@ -66,31 +66,31 @@ SOLID = RigidPart(HalfSpace(tuple(np.array(GRID.center) - 19.0), (1.0, 0.3, 0.2)
 PULSE = (0.0,) * 60 + (1.0,) + (0.0,) * 60
 
 CHAINS: dict[str, Callable[[int], tuple[Step, ...]]] = {
-    "two planes": lambda seed: (on_plane("+z", seed), on_plane("+y", seed + 1)),
-    "a plane, then space": lambda seed: (on_plane("-x", seed), in_space(seed + 1)),
-    "stages": lambda seed: (in_space(seed, stages=5),),
-    "a kernel with a kink": lambda seed: (in_space(seed, 0.2, kernel="wendland_c0"), on_plane("+y", seed, 0.5)),
-    "thin plates": lambda seed: (on_plane("+z", seed, 1.0, kernel="thin_plate"), on_plane("+x", seed, 1.0)),
-    "modulated": lambda seed: (on_plane("+z", seed, extrusion="modulate", curve="sin(pi*z)"), on_plane("+y", seed)),
-    "modulated by a pulse": lambda seed: (on_plane("+z", seed, extrusion="modulate", curve=PULSE), in_space(seed)),
+    "two planes": lambda seed: (plane_step("+z", seed), plane_step("+y", seed + 1)),
+    "a plane, then space": lambda seed: (plane_step("-x", seed), space_step(seed + 1)),
+    "stages": lambda seed: (space_step(seed, stages=5),),
+    "a kernel with a kink": lambda seed: (space_step(seed, 0.2, kernel="wendland_c0"), plane_step("+y", seed, 0.5)),
+    "thin plates": lambda seed: (plane_step("+z", seed, 1.0, kernel="thin_plate"), plane_step("+x", seed, 1.0)),
+    "modulated": lambda seed: (plane_step("+z", seed, extrusion="modulate", curve="sin(pi*z)"), plane_step("+y", seed)),
+    "modulated by a pulse": lambda seed: (plane_step("+z", seed, extrusion="modulate", curve=PULSE), space_step(seed)),
     "modulated by a ramp": lambda seed: (
-        on_plane("+z", seed, extrusion="modulate", curve=(0, 0, 1.0, 1, 1)),
-        on_plane("-y", seed),
+        plane_step("+z", seed, extrusion="modulate", curve=(0, 0, 1.0, 1, 1)),
+        plane_step("-y", seed),
     ),
-    "with a rigid part": lambda seed: (on_plane("+z", seed, 0.5, parts=(part("+z"),)), on_plane("+y", seed, 0.5)),
-    "with a cut": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"),)), on_plane("+y", seed)),
-    "with two cuts": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"), across("+z"))), on_plane("+y", seed)),
-    "cut twice": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"),)), on_plane("-y", seed, cuts=(cut("-y"),))),
+    "with a rigid part": lambda seed: (plane_step("+z", seed, 0.5, parts=(part("+z"),)), plane_step("+y", seed, 0.5)),
+    "with a cut": lambda seed: (plane_step("+z", seed, cuts=(cut("+z"),)), plane_step("+y", seed)),
+    "with two cuts": lambda seed: (plane_step("+z", seed, cuts=(cut("+z"), across("+z"))), plane_step("+y", seed)),
+    "cut twice": lambda seed: (plane_step("+z", seed, cuts=(cut("+z"),)), plane_step("-y", seed, cuts=(cut("-y"),))),
     "with a cut that stops": lambda seed: (
-        on_plane("+z", seed, cuts=(cut("+z", (False, True)),)),
-        on_plane("+y", seed),
+        plane_step("+z", seed, cuts=(cut("+z", (False, True)),)),
+        plane_step("+y", seed),
     ),
     "with a modulated cut": lambda seed: (
-        on_plane("+y", seed),
-        on_plane("+z", seed, cuts=(cut("+z"),), extrusion="modulate", curve="z*z"),
+        plane_step("+y", seed),
+        plane_step("+z", seed, cuts=(cut("+z"),), extrusion="modulate", curve="z*z"),
     ),
-    "a rigid part in space": lambda seed: (in_space(seed, 0.5, parts=(SOLID,)), on_plane("+y", seed)),
-    "cut by Eq. 8": lambda seed: (on_plane("+z", seed), on_plane("+x", seed, cuts=(cut("+x"),), cut_rule="paper")),
+    "a rigid part in space": lambda seed: (space_step(seed, 0.5, parts=(SOLID,)), plane_step("+y", seed)),
+    "cut by Eq. 8": lambda seed: (plane_step("+z", seed), plane_step("+x", seed, cuts=(cut("+x"),), cut_rule="paper")),
 }
 
 
@@ -113,7 +113,7 @@ def test_the_error_stays_below_its_bound(name: str, seed: int) -> None:
     found = table.block(block)
     assert found is not None
     d, opacity = values_at_voxels(found, table, block, grid)
-    wanted, share = field.seen(voxel_centres(grid))
+    wanted, share = field.displacement_and_opacity(voxel_centres(grid))
     error = np.linalg.norm(np.moveaxis(d, 0, -1) - wanted, axis=-1)
     # Places in float32 fall to the other side of a cut where they are on it.
     beside = np.zeros(grid.shape, dtype=bool) if opacity is None else error > 0.1
@@ -144,7 +144,7 @@ def test_most_voxels_are_interpolated(name: str) -> None:
 
 @pytest.mark.parametrize(("drag", "spacing"), [(6.0, 4), (4.0, 6), (1.0, 8)])
 def test_nodes_are_as_far_apart_as_the_field_is_smooth(drag: float, spacing: int) -> None:
-    field = Deformation((in_space(0, drag), on_plane("+y", 1, drag))).field(FINER)
+    field = Deformation((space_step(0, drag), plane_step("+y", 1, drag))).field(FINER)
     found = NodeTable(field, FINER).block(all_of(GRID))
     assert found is not None
     assert found.nodes is not None
@@ -153,7 +153,7 @@ def test_nodes_are_as_far_apart_as_the_field_is_smooth(drag: float, spacing: int
 
 
 def test_blocks_read_the_same_nodes() -> None:
-    field = Deformation((on_plane("+z", 1, 0.3), on_plane("+y", 2, 0.3))).field(GRID)
+    field = Deformation((plane_step("+z", 1, 0.3), plane_step("+y", 2, 0.3))).field(GRID)
     block = (slice(7, 15), slice(17, 33))  # between nodes
     tables = NodeTable(field, GRID), NodeTable(field, GRID)
     whole, part = tables[0].block(all_of(GRID)), tables[1].block(block)
@@ -182,7 +182,7 @@ def test_blocks_replace_what_lies_in_them(name: str) -> None:
 def test_a_bump_narrower_than_the_nodes_is_not_lost() -> None:
     centre = np.array(GRID.center)
     bump = Step((ControlPoints.from_arrays([centre], [centre + 0.7]),), support=2.0, trend="none")
-    field = Deformation((bump, on_plane("+z", 0))).field(GRID)
+    field = Deformation((bump, plane_step("+z", 0))).field(GRID)
     assert NodeTable(field, GRID).block(all_of(GRID)) is None
 
 
@@ -191,7 +191,7 @@ def test_fields_of_unknown_smoothness_are_evaluated_at_every_voxel() -> None:
     assert smoothness_of(compose(Identity(3), sampled)) is None
     assert smoothness_of(Blended((Identity(3), Identity(3)))) is None
     noisy = DisplacementField(np.random.default_rng(0).normal(size=(*GRID.shape, 3)), GRID)
-    field = compose(on_plane("+z", 0).field(GRID), noisy)
+    field = compose(plane_step("+z", 0).field(GRID), noisy)
     d, _ = chain_at_voxels(field, GRID)
     wanted = field.displacement(voxel_centres())
     assert np.abs(np.moveaxis(d, 0, -1) - wanted).max() < 1e-4

@@ -34,7 +34,7 @@ FAR = ControlPoints.from_arrays([[15, 15]], [[25, 15]])
 NEAR = ControlPoints.from_arrays([[15, 15]], [[18, 15]])
 
 
-def on_picture(points: ControlPoints, **options: Any) -> Deformation:
+def flat_map(points: ControlPoints, **options: Any) -> Deformation:
     return Deformation.from_picture_points(BODY, "+z", points, **{"support": 10.0, "trend": "none", **options})
 
 
@@ -59,14 +59,14 @@ def turned(degrees: float) -> RigidMotion:
 
 
 CASES: dict[str, tuple[Callable[[], Deformation], str]] = {
-    "one point dragged as far as its radius": (lambda: on_picture(FAR), "folds"),
-    "a curve of depth that multiplies by five": (lambda: on_picture(NEAR, extrusion="modulate", curve="5*z"), "folds"),
+    "one point dragged as far as its radius": (lambda: flat_map(FAR), "folds"),
+    "a curve of depth that multiplies by five": (lambda: flat_map(NEAR, extrusion="modulate", curve="5*z"), "folds"),
     "parts of the same tissue with two motions": (
-        lambda: on_picture(EMPTY, parts=(RigidPart(SQUARE, turned(10)), RigidPart(SQUARE, turned(20)))),
+        lambda: flat_map(EMPTY, parts=(RigidPart(SQUARE, turned(10)), RigidPart(SQUARE, turned(20)))),
         "parts 1 and 2 hold the same tissue",
     ),
     "a part within another": (
-        lambda: on_picture(
+        lambda: flat_map(
             EMPTY,
             parts=(
                 RigidPart(SQUARE, turned(5), name="femur"),
@@ -76,27 +76,27 @@ CASES: dict[str, tuple[Callable[[], Deformation], str]] = {
         "parts femur and marrow hold the same tissue",
     ),
     "parts pushed through each other": (
-        lambda: on_picture(EMPTY, parts=(RigidPart(SQUARE, RigidMotion.turn(0, (0, 0), (6, 0))), RigidPart(BESIDE))),
+        lambda: flat_map(EMPTY, parts=(RigidPart(SQUARE, RigidMotion.turn(0, (0, 0), (6, 0))), RigidPart(BESIDE))),
         "pushed into each other",
     ),
     "tissue moved out of the box": (
-        lambda: on_picture(ControlPoints.from_arrays([[15, 15]], [[35, 15]]), trend="translation"),
+        lambda: flat_map(ControlPoints.from_arrays([[15, 15]], [[35, 15]]), trend="translation"),
         "left side",
     ),
     "a radius below a voxel": (
-        lambda: on_picture(ControlPoints.from_arrays([[15, 15]], [[15.1, 15]]), support=0.4),
+        lambda: flat_map(ControlPoints.from_arrays([[15, 15]], [[15.1, 15]]), support=0.4),
         "smaller than a voxel",
     ),
     "a radius of its own below a voxel": (
-        lambda: on_picture(ControlPoints.from_arrays([[15, 15]], [[15.1, 15]]).edit(0, radius=0.4)),
+        lambda: flat_map(ControlPoints.from_arrays([[15, 15]], [[15.1, 15]]).edit(0, radius=0.4)),
         "smaller than a voxel",
     ),
     "a cut beside the volume": (
-        lambda: on_picture(NEAR, cuts=(dn.Cut(Line([(500, 0), (500, 9)]), "incision"),)),
+        lambda: flat_map(NEAR, cuts=(dn.Cut(Line([(500, 0), (500, 9)]), "incision"),)),
         "cut incision lies outside",
     ),
     "a slit beside the volume whose line goes on through it": (
-        lambda: on_picture(NEAR, cuts=(dn.Cut(Line([(90, 20), (60, 20)], stops=(True, True))),)),
+        lambda: flat_map(NEAR, cuts=(dn.Cut(Line([(90, 20), (60, 20)], stops=(True, True))),)),
         "cut 1 lies outside",
     ),
 }
@@ -109,24 +109,24 @@ def test_what_is_probably_a_mistake_is_a_warning_and_a_note(name: str) -> None:
 
 
 GOOD: dict[str, Callable[[], Deformation]] = {
-    "a short drag": lambda: on_picture(NEAR),
-    "a long drag in stages": lambda: on_picture(FAR, stages=8),
-    "a curve that ends at one": lambda: on_picture(NEAR, extrusion="modulate", curve="z"),
-    "parts side by side": lambda: on_picture(
+    "a short drag": lambda: flat_map(NEAR),
+    "a long drag in stages": lambda: flat_map(FAR, stages=8),
+    "a curve that ends at one": lambda: flat_map(NEAR, extrusion="modulate", curve="z"),
+    "parts side by side": lambda: flat_map(
         EMPTY, parts=(RigidPart(SQUARE, turned(3)), RigidPart(Polygon([(24, 12), (29, 12), (29, 20), (24, 20)])))
     ),
-    "parts that share an edge": lambda: on_picture(
+    "parts that share an edge": lambda: flat_map(
         EMPTY, parts=(RigidPart(SQUARE), RigidPart(Polygon([(20, 12), (29, 12), (29, 20), (20, 20)])))
     ),
-    "two names of one motion": lambda: on_picture(
+    "two names of one motion": lambda: flat_map(
         EMPTY,
         parts=(RigidPart(SQUARE, turned(5)), RigidPart(Polygon([(14, 14), (18, 14), (18, 18), (14, 18)]), turned(5))),
     ),
-    "a switched off part": lambda: on_picture(
+    "a switched off part": lambda: flat_map(
         EMPTY, parts=(RigidPart(SQUARE), RigidPart(SQUARE, turned(9), enabled=False))
     ),
-    "a cut through the middle": lambda: on_picture(NEAR, cuts=(dn.Cut(Line([(22, 0), (22, 40)])),)),
-    "a fold in air": lambda: on_picture(ControlPoints.from_arrays([[-8, 3]], [[3, 3]])),
+    "a cut through the middle": lambda: flat_map(NEAR, cuts=(dn.Cut(Line([(22, 0), (22, 40)])),)),
+    "a fold in air": lambda: flat_map(ControlPoints.from_arrays([[-8, 3]], [[3, 3]])),
     "nothing": lambda: Deformation(()),
 }
 
@@ -137,7 +137,7 @@ def test_nothing_is_said_of_what_is_right(name: str) -> None:
 
 
 def test_a_document_of_another_grid_says_so_and_one_of_the_same_does_not() -> None:
-    made = replace(on_picture(NEAR), volume=VolumeReference.of(BODY))
+    made = replace(flat_map(NEAR), volume=VolumeReference.of(BODY))
     assert applied(made) == []
     wider = Volume.from_array(np.pad(BODY.values, ((0, 0), (0, 0), (0, 4))))
     assert any("made on another volume" in text for text in applied(made, wider))
@@ -152,7 +152,7 @@ def test_a_document_of_another_grid_says_so_and_one_of_the_same_does_not() -> No
 )
 def test_a_volume_without_contrast_says_so(values: Any) -> None:
     volume = Volume(values, Grid((9, 9, 9)))
-    assert any("there is nothing to see in this volume" in text for text in applied(on_picture(NEAR), volume))
+    assert any("there is nothing to see in this volume" in text for text in applied(flat_map(NEAR), volume))
     assert any("there is nothing to see" in note for note in Volume.from_array(values).notes)
 
 
@@ -175,7 +175,7 @@ def test_values_between_labels_that_are_not_declared_are_counted() -> None:
 
 def test_a_large_volume_says_the_same(tmp_path: Any) -> None:
     with pytest.warns(DeformWarning, match="The map folds"):
-        made = dn.chunked.warp(BODY, on_picture(FAR), tmp_path / "a.zarr")
+        made = dn.chunked.warp(BODY, flat_map(FAR), tmp_path / "a.zarr")
     assert any("The map folds" in note for note in made.notes)
 
 
@@ -183,7 +183,7 @@ def test_the_warning_speaks_the_language_that_was_chosen() -> None:
     dn.set_language("de")
     try:
         with pytest.warns(DeformWarning, match="Die Abbildung faltet"):
-            on_picture(FAR).apply(BODY)
+            flat_map(FAR).apply(BODY)
     finally:
         dn.set_language(None)
 

@@ -97,7 +97,7 @@ def test_long_drags_beside_cuts_that_change_with_depth(rule: str, cut_rule: str,
     """Many pixels are moved across the cut on some slices only, and more of them are near it and stay apart."""
     grid = Grid((12, 400, 60))
     volume, field, x = noise(grid), cut_field(grid, "+z", rule, cut_rule, 5.0, shape), centres(grid)
-    d, opacity = field.seen(x)
+    d, opacity = field.displacement_and_opacity(x)
     plan = plan_cut(field, grid, grid, "float32")
     assert plan is not None
     is_listed, opens = np.zeros(grid.shape[1:], dtype=bool), (opacity < 0.9).any(axis=0)
@@ -228,7 +228,7 @@ def test_a_picture_beside_a_cut() -> None:
     field = Decoupled((Wave(0.8, 0.2, dim=2), Wave(1.4, 0.1, dim=2)), ((True,), (False,)), (cut,))
     colours = np.random.default_rng(5).integers(0, 255, (9, 11, 3)).astype(np.uint8)
     moved = warp_picture(colours, raster, replace(field, rule="source"), fill=9)
-    d, a = field.seen(raster.points())
+    d, a = field.displacement_and_opacity(raster.points())
     place = (raster.points() + d - raster.origin) / raster.spacing
     inside = ((place >= 0) & (place <= [10, 8])).all(axis=-1)
     for c in range(3):

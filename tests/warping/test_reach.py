@@ -44,7 +44,7 @@ NAMES = [*QUICK, *(pytest.param(name, marks=pytest.mark.nightly) for name in sor
 
 
 @cache
-def made(name: str) -> AbstractField:
+def field_named(name: str) -> AbstractField:
     if name in ON_PICTURE:
         return Deformation.from_picture_points(GRID, "+y", random_points(1, 2), **ON_PICTURE[name]).field(GRID)
     if name in KERNELS:
@@ -56,9 +56,9 @@ def made(name: str) -> AbstractField:
             trend="quadratic" if quadratic else "affine",
         )
     if name == "composed":
-        return compose(made("replicated"), made("wendland_c2"))
+        return compose(field_named("replicated"), field_named("wendland_c2"))
     if name == "samples":
-        return DisplacementField.sample(made("wendland_c2"), GRID.resampled(shape=(5, 6, 7)))
+        return DisplacementField.sample(field_named("wendland_c2"), GRID.resampled(shape=(5, 6, 7)))
     if name == "b-spline":
         return BSplineField(
             np.random.default_rng(3).normal(0, 2, (7, 6, 8, 3)),
@@ -89,7 +89,7 @@ def test_no_slope_and_no_second_derivative_is_above_its_bound(kernel) -> None:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_every_displacement_in_a_box_is_within_the_bounds(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    field, corners = made(name), GRID.corners()
+    field, corners = field_named(name), GRID.corners()
     low = rng.uniform(corners.min(axis=0), corners.max(axis=0) - 6)
     high = low + rng.uniform(0, 6, 3)
     bounds = DisplacementBounds(field, 1.0).over(low, high)
@@ -148,7 +148,7 @@ class Ripple(AbstractField):
 @pytest.mark.parametrize("name", ["wendland_c2", "cut", "ripple", "affine"])
 @pytest.mark.parametrize("start", [(0, 0, 0), (16, 18, 20)], ids=str)
 def test_a_block_needs_no_voxel_outside_its_part(name: str, start: tuple[int, int, int]) -> None:
-    field = made(name)
+    field = field_named(name)
     source = GRID.resampled(spacing=0.9)
     block = GRID.crop(start, (8, 8, 8))
     k, j, i = (a.ravel() for a in np.indices(block.shape))

@@ -164,7 +164,7 @@ def test_layers_in_space_choose_as_the_core_does(rule: str, stops: tuple[bool, b
     seen = np.minimum(1, cover.sum(axis=0))
     if rule == "paper":
         best, seen = own, np.minimum(1, mine / np.clip(0.5 + layers.depths[own, each, 0] / soft, 0, 1))
-    d, opacity = field.seen(points)
+    d, opacity = field.displacement_and_opacity(points)
     np.testing.assert_allclose(np.where(seen > OPAQUE, 1.0, seen), opacity, atol=1e-9)
     assert 10 < (opacity < 0.5).sum() < 2000
     clear = opacity > 0.99

@@ -131,7 +131,7 @@ def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list
     moved, found = warp_points(places, fit)
     region = np.zeros(len(places), dtype=int)
     if isinstance(fit, Decoupled):
-        for k, (lies_there, _) in enumerate(fit.of_source(places)):
+        for k, (lies_there, _) in enumerate(fit.fields_by_source(places)):
             region[lies_there] = k
     region[~found] = -1
     ends = np.cumsum([len(line) for line in lines])[:-1]

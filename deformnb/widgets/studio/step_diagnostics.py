@@ -289,7 +289,7 @@ def uncertainty_overlay(step: Step, key: int, grid: Grid, raster: Raster) -> Unc
     a = a0 + (np.arange(width) + 0.5) * (a1 - a0) / width
     b = b0 + (np.arange(height) + 0.5) * (b1 - b0) / height
     known = step_uncertainty(step, grid, key)
-    values = known.on_outer_sum(np.stack([np.zeros(height), b]), np.stack([a, np.zeros(width)]))
+    values = known.lattice_values(np.stack([np.zeros(height), b]), np.stack([a, np.zeros(width)]))
     most = float(values.max())
     if not most > 1e-9 * (a1 - a0):
         raise DeformError(

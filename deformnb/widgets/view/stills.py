@@ -126,7 +126,7 @@ def _render(
             seen, camera, size, 255 * scene.shown.white, INKS[scene.background], background, part=part, progress=rest
         )
     # Bytes instead of the volume's own values: the front end has those too, and a colour is looked up by value.
-    transfer = scene.transfer.in_bytes(*scene.shown.window)
+    transfer = scene.transfer.quantize(*scene.shown.window)
     return draw_core(
         seen,
         camera,
