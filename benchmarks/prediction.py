@@ -124,7 +124,7 @@ def measure(case: Case) -> Found:
     found = [
         error(FitSettings(kernel=plate, direction="backward").fit(points)),
         error(FitSettings(kernel=plate, direction="forward").fit(points)),
-        error(FitSettings().choosing([points]).fit(points)),
+        error(FitSettings().with_chosen_support([points]).fit(points)),
         error(chosen.fit),
         min(every),
     ]

@@ -89,9 +89,9 @@ class Foreground:
         return self.grid.index_to_point(np.unique(every, axis=0))
 
     def __contains__(self, point: ArrayLike) -> bool:
-        return bool(self.holds(np.asarray(point, dtype=np.float64)[None])[0])
+        return bool(self.contains(np.asarray(point, dtype=np.float64)[None])[0])
 
-    def holds(self, points: Floats) -> NDArray[np.bool_]:
+    def contains(self, points: Floats) -> NDArray[np.bool_]:
         """Test whether points (n, 3) in space are in one of the boxes."""
         at = self.grid.point_to_index(points)
         part = np.floor((np.where(np.isfinite(at), at, -1e9) + 0.5) / self.block).astype(np.int64)
@@ -226,7 +226,7 @@ def _find_foreground_nodes(
 ) -> tuple[Floats, bool]:
     """The nodes of a lattice around a box at which foreground is seen, and whether it is seen on the lattice's edge."""
     nodes = _lattice(foreground, low - around, high + around)
-    seen = foreground.holds(nodes + field.displacement(nodes)).reshape((_NODES,) * 3)
+    seen = foreground.contains(nodes + field.displacement(nodes)).reshape((_NODES,) * 3)
     at_edge = any(bool(np.take(seen, (0, -1), axis=axis).any()) for axis in range(3))
     return nodes[seen.ravel()], at_edge
 

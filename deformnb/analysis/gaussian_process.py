@@ -46,7 +46,7 @@ class FitSystem:
     phi : (n, n) kernel values; nugget : (n,) lambda / weight.
     energy : C (n, n) above; the plain inverse where there is no polynomial or points have individual radii.
     weights : W (n, p); rest : Q (p, p).
-    kept : (n,) mask, false for points that :meth:`without` left out.
+    kept : (n,) mask, false for points that :meth:`leave_out` left out.
     """
 
     fit: RBFInterpolant
@@ -105,7 +105,7 @@ class FitSystem:
         kept = self.kept.astype(float)
         return np.diag(kept) - np.outer(kept, kept) / kept.sum()
 
-    def without(self, k: int) -> FitSystem:
+    def leave_out(self, k: int) -> FitSystem:
         """The system of all points but one, by a change of rank one; for the errors of the rest, not for a new fit.
 
         Its arrays have the same size: the row and the column of a point that is out are zero, and ``kept`` marks it.

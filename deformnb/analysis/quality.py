@@ -327,7 +327,7 @@ def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
             break
         k = int(np.where(marked, eased, -1.0).argmax())
         found.add(int(ids[k]))
-        system = system.without(k)
+        system = system.leave_out(k)
     return tuple(i for i in active.ids if i in found)
 
 

@@ -49,7 +49,7 @@ from deformnb.volume.volume import (
     voxel_checksum,
 )
 from deformnb.warping.inverse import Inverse, invert
-from deformnb.warping.map_checks import map_notes, with_cautions
+from deformnb.warping.map_checks import add_cautions, map_notes
 from deformnb.warping.points import Landmarks, warp_points
 from deformnb.warping.warper import volumes_of, warp_all
 
@@ -146,7 +146,7 @@ class Step(AbstractFitSettings):
         if self.extrusion != "modulate" and self.curve != "z":
             EXTRUSIONS["modulate"](self.curve)  # checked for when the rule changes
         if self.chosen_support is None:
-            object.__setattr__(self, "chosen_support", self.settings.choosing(self.maps).chosen_support)
+            object.__setattr__(self, "chosen_support", self.settings.with_chosen_support(self.maps).chosen_support)
 
     def _check_kinds(self) -> None:
         for given in self.maps:
@@ -206,7 +206,7 @@ class Step(AbstractFitSettings):
             raise DeformError(f"there is no set of control points {key}; there are {len(self.maps)}.")
         maps, settings = (*self.maps[:key], points, *self.maps[key + 1 :]), self.settings
         if not points.has_same_sources(self.maps[key]):
-            settings = settings.choosing(maps, self.chosen_support and self.chosen_support.radius)
+            settings = settings.with_chosen_support(maps, self.chosen_support and self.chosen_support.radius)
         return replace(self, maps=maps, chosen_support=settings.chosen_support)
 
     def weights(self) -> Weights:
@@ -853,4 +853,4 @@ class Deformation:
             warped = [replace(done, grid=corrected) for done in warp_all(then, field, **{**options, "output": output})]
             notes = (known.older_note, *notes)
         converted = () if here is self else self._unit_notes(own.unit)
-        return with_cautions(volumes, warped, (*notes, *converted), cautions)
+        return add_cautions(volumes, warped, (*notes, *converted), cautions)

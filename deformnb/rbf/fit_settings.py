@@ -139,7 +139,7 @@ class FitSettings(AbstractFitSettings):
         """The settings by their names, such as a step takes them."""
         return {name: getattr(self, name) for name in SETTINGS}
 
-    def choosing(self, sets: Sequence[ControlPoints], current: float | None = None) -> FitSettings:
+    def with_chosen_support(self, sets: Sequence[ControlPoints], current: float | None = None) -> FitSettings:
         """The same settings with the support that these sets of points choose; as they are where ``support`` is given.
 
         Parameters

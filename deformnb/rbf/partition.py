@@ -242,7 +242,7 @@ def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: 
     for k in range(len(members)):
         wide = _AROUND * margin[k] * (1 + SAME_DISTANCE)
         near = ((along >= low[k] - wide) & (along <= high[k] + wide)).all(axis=1)
-        fits.append(_fit_part(_part_of(ready, _fill_neighbours(near, x, tree)), kernel, smoothing))
+        fits.append(_fit_part(_subset(ready, _fill_neighbours(near, x, tree)), kernel, smoothing))
     worst = max(fits, key=lambda fit: float(fit.missed))
     counts = [int(fit.count) for fit in fits]
     field = LocalFits(tuple(fits), low, high, margin, frame, (), ready.ids, ready.missed)
@@ -331,7 +331,7 @@ def _boxes(x: Floats, leaf: int) -> tuple[Floats, Floats, list[NDArray[np.int64]
     return np.array(low), np.array(high), members
 
 
-def _part_of(ready: PreparedPoints, at: NDArray[np.int64]) -> PreparedPoints:
+def _subset(ready: PreparedPoints, at: NDArray[np.int64]) -> PreparedPoints:
     """Some of the prepared points, with the span that they have themselves."""
     x, d = ready.targets[at], ready.displacements[at]
     origin = x.mean(axis=0)
@@ -376,7 +376,7 @@ def _widest(
 ) -> RBFInterpolant:
     """The fit of these nearest points, or of half as many where their system is singular."""
     try:
-        return _fit_part(_part_of(ready, np.sort(near)), kernel, smoothing)
+        return _fit_part(_subset(ready, np.sort(near)), kernel, smoothing)
     except TooFlatError:
         if len(near) <= _LEAST:
             raise

@@ -100,7 +100,7 @@ class ClipBox:
         """The box of a grid itself, with its six sides."""
         return cls(grid, (-0.5,) * 3, tuple(n - 0.5 for n in grid.shape[::-1]))
 
-    def holds(self, lattice: Grid) -> NDArray[np.bool_]:
+    def contains(self, lattice: Grid) -> NDArray[np.bool_]:
         """Mask [z, y, x] of the voxels of another grid whose centres are in it."""
         to_index = np.linalg.inv(self.grid.matrix)
         steps, first = to_index @ lattice.matrix, self.grid.point_to_index(lattice.origin)
@@ -124,5 +124,5 @@ class ClipBox:
 
     def mask_outside(self, volume: Volume) -> Volume:
         """The volume with background in all voxels outside."""
-        values = np.where(self.holds(volume.grid), volume.finite_values, volume.dtype.type(volume.background))
+        values = np.where(self.contains(volume.grid), volume.finite_values, volume.dtype.type(volume.background))
         return replace(volume, values=values)

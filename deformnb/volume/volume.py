@@ -352,7 +352,7 @@ class MappedFile:
         self.check()
 
     @classmethod
-    def behind(cls, array: NDArray[Any]) -> MappedFile | None:
+    def find(cls, array: NDArray[Any]) -> MappedFile | None:
         """The file behind an array or a view of one; None if it is in memory."""
         part: Any = array
         end, path = 0, None
@@ -732,7 +732,7 @@ class _CheckedVoxels:
         return volume.__dict__["values"]
 
     def __set__(self, volume: Any, values: NDArray[Any]) -> None:
-        volume.__dict__.update(values=values, _mapped=MappedFile.behind(values))
+        volume.__dict__.update(values=values, _mapped=MappedFile.find(values))
 
 
 @dataclass(frozen=True)
@@ -875,7 +875,7 @@ class Volume:
         except ValueError as error:
             raise DeformError(f"the voxels of a volume are an array of numbers, and this is none ({error}).") from None
         values, axis_notes = three_axes(given)
-        MappedFile.behind(values)  # which refuses a file that was cut short already
+        MappedFile.find(values)  # which refuses a file that was cut short already
         values, cast_notes = cast(values)
         shape = (int(values.shape[0]), int(values.shape[1]), int(values.shape[2]))
         labels = values.dtype == np.bool_ if is_labels is None else is_labels

@@ -93,7 +93,7 @@ class Regional:
                     known = self._stored_index(d)
                 return self._choice(link, links[k + 1 :], x, d, known)
             if not link.is_identity:
-                d, known = at - x + self.walk.through(link, at), None
+                d, known = at - x + self.walk.displacements(link, at), None
         return _Shown(self._stored_index(d) if d is not None and known is None else known)
 
     def _stored_index(self, d: Floats) -> int:
@@ -111,7 +111,7 @@ class Regional:
         largest = error.copy()
         for f, side in zip(cut.fields, cut.sides, strict=True):
             self.walk.error[...] = error
-            moved = at + self.walk.through(f, at)
+            moved = at + self.walk.displacements(f, at)
             if (
                 here is not None
                 and depth_in(side, here).max() < -needed

@@ -412,7 +412,7 @@ class _Lattice:
         """The nodes of some planes, and one more, for the cells between this slab and the next one."""
         shape = (min(slab.stop + 1, values.shape[1]) - slab.start, *values.shape[2:])
         places, walk = self._places((slab.start, 0, 0), shape), self._walk(shape)
-        d = walk.through(self._field, places)
+        d = walk.displacements(self._field, places)
         planes = slice(0, slab.stop - slab.start)
         values[:, slab] = np.broadcast_to(d, places.shape)[:, planes]
         for name in ("marks", "error", "regions", "widths"):

@@ -66,7 +66,7 @@ def map_notes(volume: Volume, field: AbstractField, output: Grid, fill: float | 
     return tuple(note for note in (fold_note(volume, field, output), cut_off) if note)
 
 
-def with_cautions(
+def add_cautions(
     volumes: Sequence[Volume], results: Sequence[Volume], notes: Sequence[str], cautions: Sequence[str]
 ) -> list[Volume]:
     """Results with the notes of their volumes, further notes and cautions; the latter are warnings too.

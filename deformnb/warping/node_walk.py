@@ -119,12 +119,12 @@ class Walk:
     regions: NDArray[np.int32]
     widths: NDArray[np.float32]
 
-    def through(self, field: AbstractField, x: Floats) -> Floats:
+    def displacements(self, field: AbstractField, x: Floats) -> Floats:
         """Displacements of places, which are those of the nodes at some stage."""
         match field:
             case Composed():
-                d = self.through(field.then, x)
-                return d + self.through(field.first, x + d)
+                d = self.displacements(field.then, x)
+                return d + self.displacements(field.first, x + d)
             case Staged():
                 return self._stages(field.fits[::-1], x) - x
             case RBFInterpolant():
@@ -146,7 +146,7 @@ class Walk:
         if all(isinstance(fit, RBFInterpolant) for fit in fits):
             return self._fits(fits, x)  # type: ignore[arg-type]
         for fit in fits:
-            x = x + self.through(fit, x)
+            x = x + self.displacements(fit, x)
         return x
 
     def _fits(self, fits: Sequence[RBFInterpolant], x: Floats) -> Floats:
@@ -183,12 +183,12 @@ class Walk:
         outside = [np.maximum(distance, 0.0) for distance in distances]
         last = [np.moveaxis(y, 0, -1) for y in (x, *back)]
         moved, weight = drift_and_weight(last[0], last[1:], outside, field.scales, field.weights, np)
-        return np.moveaxis(moved, -1, 0) + weight * self.through(field.base, x)
+        return np.moveaxis(moved, -1, 0) + weight * self.displacements(field.base, x)
 
     def _walk_extrusion(self, field: Extrusion, x: Floats) -> Floats:
         abc = _rotate(field.plane.frame, x - _column(field.plane.origin))
         ab, depth = self._walk_unique(abc[:2]), self._walk_unique(abc[2:])[0]
-        moves = [self.through(m, ab) for m in field.maps]
+        moves = [self.displacements(m, ab) for m in field.maps]
         if not field.is_replication:
             errors = _curve_errors(field, depth.ravel(), max(_sides(depth[None])))
             for error, d in zip(errors, moves, strict=True):
@@ -206,7 +206,7 @@ class Walk:
         return places
 
     def _walk_tips(self, field: TipBlend, x: Floats) -> Floats:
-        moves = [self.through(fit, x) for fit in field.fits]
+        moves = [self.displacements(fit, x) for fit in field.fits]
         source = np.moveaxis(x + moves[0], 0, -1)
         return np.asarray(blend_displacements(moves, [line.opening(source) for line in field.lines]))
 
@@ -222,7 +222,7 @@ class Walk:
                 continue
             box = _bounding_box(is_own)
             at = x[:, *box]
-            d = self._restrict(box).through(f, at)
+            d = self._restrict(box).displacements(f, at)
             total[:, *box] = np.where(is_own[box], d, total[:, *box])
             farthest = max(farthest, reach_of(field, at + d))
         there = (np.sign(here) * self.distances(field, x + total)).min(axis=0)

@@ -125,7 +125,7 @@ class Places:
 
         return take(self.whole), take(self.part)
 
-    def near(self, shape: Sequence[int]) -> bool:
+    def is_near(self, shape: Sequence[int]) -> bool:
         """Check whether all places, and an input of this shape, are within :data:`NEAR` voxels of the first one."""
         farthest = sum(np.abs(table).max(axis=1, initial=0).astype(np.int64) for table in self.whole)
         return bool(max(*shape, np.max(farthest)) < NEAR - len(self.whole))

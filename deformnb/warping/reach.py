@@ -68,7 +68,7 @@ class DisplacementBounds:
     >>> from deformnb.rbf.points import ControlPoints
     >>> from deformnb.rbf.fitting import fit_rbf
     >>> bump = fit_rbf(ControlPoints.from_arrays([[5.3, 5, 5]], [[7.3, 5, 5]]), support=1.0, trend="none")
-    >>> low, high = DisplacementBounds(bump, 1.0).over(np.zeros(3), np.full(3, 20.0))
+    >>> low, high = DisplacementBounds(bump, 1.0).bounds_in(np.zeros(3), np.full(3, 20.0))
     >>> bool(low[0] <= -2.0)
     True
     """
@@ -77,7 +77,7 @@ class DisplacementBounds:
         self._field, self._resolution = field, resolution
         self._kept: dict[Any, Bounds] = {}
 
-    def over(self, low: Floats, high: Floats) -> Bounds:
+    def bounds_in(self, low: Floats, high: Floats) -> Bounds:
         """Lowest and highest displacement (dim,) over the box from ``low`` to ``high`` (dim,).
 
         Raises
@@ -258,7 +258,7 @@ def source_part(
     """
     corners = block.corners(centres=True)
     try:
-        d = bounds.over(corners.min(axis=0), corners.max(axis=0))
+        d = bounds.bounds_in(corners.min(axis=0), corners.max(axis=0))
     except UnknownBounds:
         values = field.components_on_grid(block).reshape(3, -1).astype(np.float64)
         d = values.min(axis=1), values.max(axis=1)

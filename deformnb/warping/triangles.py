@@ -94,7 +94,7 @@ def _near_voxels(triangles: AnyArray, grid: Grid, progress: Progress | None) -> 
         number, box = _boxes(size[chosen])
         start = low[chosen]
         edges = _Edges(small[chosen] - (start * spacing)[:, None])
-        squared = edges.squared(number, box.astype(np.float32) * spacing.astype(np.float32))
+        squared = edges.squared_distances(number, box.astype(np.float32) * spacing.astype(np.float32))
         near = np.flatnonzero(squared <= np.float32(band * band))
         number = number[near]
         i, j, k = (start[number] + box[near]).T
@@ -160,7 +160,7 @@ class _Edges:
         self.side = np.cross(self.edge, self.normal[:, None]).astype(np.float32)  # outwards, in the triangle's plane
         self.edge = self.edge.astype(np.float32)
 
-    def squared(self, number: AnyArray, places: AnyArray) -> AnyArray:
+    def squared_distances(self, number: AnyArray, places: AnyArray) -> AnyArray:
         """Squared distances of places (n, 3) to the triangles of these numbers."""
         beside = np.zeros(len(number), dtype=bool)
         nearest = np.full(len(number), np.inf, dtype=np.float32)

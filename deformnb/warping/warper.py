@@ -33,7 +33,7 @@ from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import DTYPES, Grid, Volume, VolumeLike, as_grid, as_output, as_volume, as_volumes
 from deformnb.warping import planning
 from deformnb.warping.compositions import ComposedEvaluator, Displacements, Replacement
-from deformnb.warping.map_checks import map_notes, with_cautions
+from deformnb.warping.map_checks import add_cautions, map_notes
 from deformnb.warping.modulated_cuts import CutPlan, plan_cut
 
 
@@ -205,7 +205,7 @@ def deform_volumes(volumes: list[Volume], field: Any, **options: Any) -> list[Vo
     results = warp_all(volumes, field, **options)
     box = first.grid if output is None else as_grid(output)
     cautions = map_notes(first, as_field(field, first), box, options.get("fill"))
-    return with_cautions(volumes, results, (), cautions)
+    return add_cautions(volumes, results, (), cautions)
 
 
 class Warper:
@@ -251,7 +251,7 @@ class Warper:
         self.compute = sampling.compute_type(volume.dtype)
         self._index = "int64" if volume.grid.size > sampling.LARGEST_INT32 else "int32"
         self._places = planning.places(volume.grid, self.output, self.compute)
-        self._near = self._places.near(volume.shape)
+        self._near = self._places.is_near(volume.shape)
         self._tables: dict[int, Any] = {}  # of the prepared axes; None for x, whose rows are read in place
 
     def __call__(self, field: AbstractField | HasField, *, progress: Progress | None = None) -> Volume:
@@ -568,7 +568,7 @@ def _together(warpers: Sequence[Warper], field: AbstractField | HasField, progre
         if cut:
             values = _warp_near_cuts(warpers, cut, progress)
         elif plan:
-            values = [warper.run_plan(plan, _part_of(progress, k, len(warpers))) for k, warper in enumerate(warpers)]
+            values = [warper.run_plan(plan, _portion(progress, k, len(warpers))) for k, warper in enumerate(warpers)]
         else:
             values = _general(warpers, field, progress)
     except MemoryError:
@@ -580,7 +580,7 @@ def _together(warpers: Sequence[Warper], field: AbstractField | HasField, progre
     return [warper.to_volume(result) for warper, result in zip(warpers, values, strict=True)]
 
 
-def _part_of(progress: Progress | None, k: int, count: int) -> Progress | None:
+def _portion(progress: Progress | None, k: int, count: int) -> Progress | None:
     """The progress of the k-th of several pieces of work that take equally long."""
     return _progress_range(progress, k / count, (k + 1) / count)
 
@@ -724,7 +724,7 @@ def warp_all(
         groups.setdefault((warper.compute, METHODS[warper.method].is_spline), []).append(k)
     results: dict[int, Volume] = {}
     for number, members in enumerate(groups.values()):
-        done = _together([warpers[k] for k in members], field, _part_of(progress, number, len(groups)))
+        done = _together([warpers[k] for k in members], field, _portion(progress, number, len(groups)))
         results.update(zip(members, done, strict=True))
     return [results[k] for k in range(len(volumes))]
 
@@ -815,7 +815,7 @@ def warp_picture(
         "method": method,
         "compute": compute,
         "index": "int32",
-        "near": at.near(raster.shape),
+        "near": at.is_near(raster.shape),
     }
     d, opacity = planning.raster_with_opacity(field, output)
     result = _move_rows(table, d, at, lowest, settings)

@@ -194,7 +194,7 @@ def test_every_displacement_in_a_box_is_within_the_bounds(order: int) -> None:
     field = spline_field(3, order)
     for _ in range(40):
         ends = np.sort(places(field, 2, beyond=2.0), axis=0)
-        low, high = DisplacementBounds(field, 1.0).over(ends[0], ends[1])
+        low, high = DisplacementBounds(field, 1.0).bounds_in(ends[0], ends[1])
         d = field.displacement(RANDOM.uniform(ends[0], ends[1], (400, 3)))
         assert (d >= low - 1e-12).all()
         assert (d <= high + 1e-12).all()

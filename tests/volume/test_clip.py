@@ -61,7 +61,7 @@ def test_shares_count_along_the_index_axes(axis: int, pair: tuple[float, float],
     clip[axis] = list(pair)
     part = ClipBox.of(GRID, check_clip(clip))
     assert part is not None
-    held = part.holds(GRID)
+    held = part.contains(GRID)
     rows = np.moveaxis(held, 2 - axis, 0).reshape(GRID.shape[2 - axis], -1)
     assert np.flatnonzero(rows.all(axis=1)).tolist() == wanted
     assert np.flatnonzero(rows.any(axis=1)).tolist() == wanted
@@ -76,8 +76,8 @@ def test_shares_are_of_the_box_that_is_seen() -> None:
     part = ClipBox.of(GRID, ((0.0, 1.0), (0.0, 1.0), (0.5, 1.0)), larger)
     assert part is not None
     assert part.low == (-np.inf, -np.inf, -0.5)
-    assert part.holds(GRID).all()
-    assert part.holds(larger)[:4].any() == np.False_
+    assert part.contains(GRID).all()
+    assert part.contains(larger)[:4].any() == np.False_
 
 
 def test_a_lattice_that_is_turned_is_held_where_its_places_are() -> None:
@@ -86,8 +86,8 @@ def test_a_lattice_that_is_turned_is_held_where_its_places_are() -> None:
     other = Grid((7, 8, 9), (0.9, 0.8, 0.7), tuple(GRID.center), ((0.8, -0.6, 0.0), (0.6, 0.8, 0.0), (0.0, 0.0, 1.0)))
     index = np.moveaxis(np.indices(other.shape)[::-1], 0, -1)
     at = GRID.point_to_index(other.index_to_point(index))
-    assert (part.holds(other) == ((at >= part.low) & (at < part.high)).all(axis=-1)).all()
-    assert 0 < part.holds(other).mean() < 1
+    assert (part.contains(other) == ((at >= part.low) & (at < part.high)).all(axis=-1)).all()
+    assert 0 < part.contains(other).mean() < 1
 
 
 def test_a_voxel_outside_becomes_background() -> None:

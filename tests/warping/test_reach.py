@@ -92,7 +92,7 @@ def test_every_displacement_in_a_box_is_within_the_bounds(name: str, seed: int) 
     field, corners = field_named(name), GRID.corners()
     low = rng.uniform(corners.min(axis=0), corners.max(axis=0) - 6)
     high = low + rng.uniform(0, 6, 3)
-    bounds = DisplacementBounds(field, 1.0).over(low, high)
+    bounds = DisplacementBounds(field, 1.0).bounds_in(low, high)
     d = field.displacement(rng.uniform(low, high, (4000, 3)))
     assert (d >= bounds[0] - 1e-9).all()
     assert (d <= bounds[1] + 1e-9).all()
@@ -103,7 +103,7 @@ def test_a_bump_between_the_nodes_is_reached() -> None:
     bump = fit_rbf(ControlPoints.from_arrays([[4.0, 10.7, 10.7]], [[10.6, 10.7, 10.7]]), support=1.0, trend="none")
     corners = np.array(list(itertools.product((0.0, 10.0, 20.0), repeat=3)))
     assert not bump.displacement(corners).any()
-    low, _ = DisplacementBounds(bump, 1.0).over(np.zeros(3), np.full(3, 20.0))
+    low, _ = DisplacementBounds(bump, 1.0).bounds_in(np.zeros(3), np.full(3, 20.0))
     assert low[0] <= -6.6
     source = Grid((40, 40, 40), origin=(-20.0, 0.0, 0.0))
     part = source_part(DisplacementBounds(bump, 1.0), bump, Grid((21, 4, 4), origin=(9.0, 9.0, 0.0)), source, "linear")
@@ -117,7 +117,7 @@ def test_the_quadratic_trend_counts_between_the_nodes() -> None:
     bow = np.zeros_like(x)
     bow[:, 0] = x[:, 0] * (10 - x[:, 0])
     fit = fit_rbf(ControlPoints.from_arrays(x + bow, x), trend="quadratic", support=5.0)
-    _, high = DisplacementBounds(fit, 1e3).over(np.array([0.0, 2.0, 2.0]), np.array([10.0, 7.0, 7.0]))
+    _, high = DisplacementBounds(fit, 1e3).bounds_in(np.array([0.0, 2.0, 2.0]), np.array([10.0, 7.0, 7.0]))
     assert high[0] >= 25
 
 
@@ -127,7 +127,7 @@ def test_beside_a_cut_the_map_of_each_side_counts() -> None:
     field = Deformation.from_picture_points(Grid((24, 26, 28)), "+z", points, cuts=(cut,), trend="translation").field(
         Grid((24, 26, 28))
     )
-    low, high = DisplacementBounds(field, 1.0).over(np.array([5.0, 5, 5]), np.array([7.0, 7, 7]))
+    low, high = DisplacementBounds(field, 1.0).bounds_in(np.array([5.0, 5, 5]), np.array([7.0, 7, 7]))
     assert low[0] <= -9  # tissue of the other side, which may be brought here
     assert high[0] >= 7
 

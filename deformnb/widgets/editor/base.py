@@ -334,7 +334,7 @@ class EditedPoints(SyncedWidget):
                 getattr(old, name) == getattr(new, name) for name in CHOOSE_SUPPORT
             )
         if self.chooses_support and not is_the_same:
-            self.settings = self.settings.choosing([self.points], current)
+            self.settings = self.settings.with_chosen_support([self.points], current)
 
     @traitlets.validate("lone_support")
     def _a_length(self, proposal: Any) -> float:
