@@ -303,7 +303,7 @@ def check_stages(stages: Any, parts: Sequence[RigidPart]) -> None:
     moving = next((p for p in parts if p.enabled and p.motion is not None), None)
     if stages > 1 and moving is not None:
         raise DeformError(
-            f"{moving.label} has a motion of its own, which is not done in stages; hold it still, switch "
+            f"{moving.label} has its own motion, which is not done in stages; hold it still, switch "
             "it off, or set the stages of the step back to 1."
         )
 
@@ -314,7 +314,7 @@ def check_parts_of_direction(direction: str, parts: Sequence[RigidPart]) -> None
     part = next((p for p in parts if p.enabled), None)
     if direction == "forward" and part is not None:
         raise DeformError(
-            f"{part.label} cannot be held beside a fit forward; set the direction of the step to "
+            f"{part.label} cannot be held with a fit forward; set the direction of the step to "
             "backward, or switch the part off."
         )
 
@@ -370,7 +370,7 @@ def _free_points(
         for h in holders:
             required, done = points.source[k], moved[h][k]
             if np.linalg.norm(required - done) > SAME_MOTION * size:
-                held = "is fixed" if parts[h].motion is None else "has a motion of its own"
+                held = "is fixed" if parts[h].motion is None else "has its own motion"
                 raise DeformError(
                     f"{points.label(k)} lies in {parts[h].label}, which {held}; move or remove the "
                     "point, or change the part."

@@ -43,7 +43,7 @@ _PLACES = (
     "axistags",
 )
 
-NO_PLACE = "an array has no place of its own: it lies at the origin, with voxels 1 apart"
+NO_PLACE = "an array has no place: it is put at the origin, with voxels 1 apart"
 
 
 def convert(given: Any) -> Volume | Channels:

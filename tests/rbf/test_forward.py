@@ -158,7 +158,7 @@ def test_many_points_are_fitted_locally() -> None:
 
 def test_what_does_not_go_together_is_refused() -> None:
     part = RigidPart(HalfSpace((0.0, 0.0), (1.0, 0.0)), name="bone")
-    with pytest.raises(DeformError, match=r"bone.*beside a fit forward"):
+    with pytest.raises(DeformError, match=r"bone.*with a fit forward"):
         fit_points(bent(), [part], direction="forward")
     with pytest.raises(DeformError, match="unknown direction 'sideways'"):
         FitSettings(direction="sideways")

@@ -244,7 +244,7 @@ export function rigidFit(
   const [first] = refused;
   if (first) {
     const { point, part } = first;
-    const held = part.motion ? "has a motion of its own" : "is fixed";
+    const held = part.motion ? "has its own motion" : "is fixed";
     throw new RbfError(
       `${rbfLabel(point)} lies in ${partLabel(part)}, which ${held}; move or remove the point, or ` +
         "change the part.",
@@ -398,7 +398,7 @@ function checkDirection(direction: string, parts: PartData[] | undefined) {
   const part = direction === "forward" ? (parts ?? []).find((one) => one.enabled !== false) : null;
   if (part) {
     throw new RbfError(
-      `${partLabel(part)} cannot be held beside a fit forward; set the direction of the step to ` +
+      `${partLabel(part)} cannot be held with a fit forward; set the direction of the step to ` +
         "backward, or switch the part off.",
     );
   }
@@ -411,7 +411,7 @@ function checkStages(count: number, parts: PartData[] | undefined) {
   const moving = (parts ?? []).find((part) => part.enabled !== false && (part.motion ?? null) !== null);
   if (moving) {
     throw new RbfError(
-      `${partLabel(moving)} has a motion of its own, which is not done in stages; hold it still, ` +
+      `${partLabel(moving)} has its own motion, which is not done in stages; hold it still, ` +
         "switch it off, or set the stages of the step back to 1.",
     );
   }
