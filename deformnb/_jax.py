@@ -329,7 +329,7 @@ def blockwise(function: Callable[..., Any], **options: Any) -> Callable[..., Any
     [6.0, 6.0, 6.0, 6.0, 6.0]
     """
 
-    def evaluated(fixed: Any, blocks: Any, count: Any, **chosen: Any) -> Any:
+    def compute(fixed: Any, blocks: Any, count: Any, **chosen: Any) -> Any:
         one = partial(function, fixed, **chosen)
         if not devices.is_host():
             return jax.vmap(one)(blocks)
@@ -347,7 +347,7 @@ def blockwise(function: Callable[..., Any], **options: Any) -> Callable[..., Any
             ),
         )
 
-    evaluate = jit(evaluated, on_one_thread=True, **options)
+    evaluate = jit(compute, on_one_thread=True, **options)
 
     def together(fixed: Any, places: NDArray[Any], **chosen: Any) -> Any:
         n = places.shape[1]

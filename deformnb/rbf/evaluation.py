@@ -518,14 +518,14 @@ def _evaluate_tiles(
         count = len(reached.count)
         extra = few_sizes(count) - count
 
-        def widened(array: Any, extra: int = extra) -> Any:
+        def widen(array: Any, extra: int = extra) -> Any:
             return None if array is None else np.concatenate([array, np.zeros((extra, *array.shape[1:]), array.dtype)])
 
-        own = Reached(*(a if a is None or a.dtype == np.int32 else a.astype(dtype) for a in map(widened, reached)))
+        own = Reached(*(a if a is None or a.dtype == np.int32 else a.astype(dtype) for a in map(widen, reached)))
         with float64():
             found = _compiled_tiles(
-                widened((rows[at] - middle[at]).astype(dtype)),
-                widened(columns[at].astype(dtype)),
+                widen((rows[at] - middle[at]).astype(dtype)),
+                widen(columns[at].astype(dtype)),
                 own,
                 common,
                 kernel=kernel,

@@ -339,7 +339,7 @@ def _tangent(linear: Callable[[Any], Any], right: Any) -> Any:
 def _newton_in_jax(residual: Callable[[Any], Any], start: Any) -> Any:
     """The root of a residual, for each place (..., dim) by itself; ends when no place gets better."""
 
-    def squared(r: Any) -> Any:
+    def square(r: Any) -> Any:
         return jnp.sum(r * r, axis=-1)
 
     def turn(state: tuple[Any, Any, Any, Any]) -> tuple[Any, Any, Any, Any]:
@@ -349,11 +349,11 @@ def _newton_in_jax(residual: Callable[[Any], Any], start: Any) -> Any:
         for share in _SHARES:
             trial = x + share * step
             r_trial = residual(trial)
-            better = squared(r_trial) < squared(least)
+            better = square(r_trial) < square(least)
             best, least = (jnp.where(better[..., None], new, old) for new, old in ((trial, best), (r_trial, least)))
             improved = improved | better
         return best, least, jnp.any(improved), count + 1
 
     first = residual(start)
-    state = (start, first, jnp.any(squared(first) > 0), 0)
+    state = (start, first, jnp.any(square(first) > 0), 0)
     return lax.while_loop(lambda s: s[2] & (s[3] < MOST_NEWTON_STEPS), turn, state)[0]

@@ -360,7 +360,7 @@ def blocks_of(places: Floats, halvings: int) -> PointBlocks:
     [[0, 2], [1, 3]]
     """
 
-    def halved(index: NDArray[np.intp], left: int) -> PointBlocks:
+    def halve(index: NDArray[np.intp], left: int) -> PointBlocks:
         if not left or len(index) < 2:
             return [index]
         centred = places[index] - places[index].mean(axis=0)
@@ -371,9 +371,9 @@ def blocks_of(places: Floats, halvings: int) -> PointBlocks:
         heights *= np.where(skew < -_ROUNDING * scale**3, -1.0, 1.0)
         order = np.lexsort(np.round(heights.T[::-1] / (_ROUNDING * scale)))
         half = len(index) // 2
-        return [*halved(index[order[:half]], left - 1), *halved(index[order[half:]], left - 1)]
+        return [*halve(index[order[:half]], left - 1), *halve(index[order[half:]], left - 1)]
 
-    return [np.sort(block) for block in halved(np.arange(len(places)), halvings)]
+    return [np.sort(block) for block in halve(np.arange(len(places)), halvings)]
 
 
 def _try_candidate(candidate: Candidate, sets: Sequence[ControlPoints], judged: Sequence[ControlPoints]) -> TriedFit:

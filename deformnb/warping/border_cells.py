@@ -226,15 +226,15 @@ _evaluate = jit(_choose, on_one_thread=True)
 def _decide(way: Any, tables: Any, x: list[Any], error: Any) -> tuple[list[Any], Any, Any]:
     """Displacements, opacity and doubt at voxels x, from tables (3 tables, ...) there."""
 
-    def moved(table: int | None) -> list[Any]:
+    def displacement(table: int | None) -> list[Any]:
         return [jnp.zeros(x[0].shape, tables.dtype)] * 3 if table is None else list(tables[3 * table : 3 * table + 3])
 
     if isinstance(way, _Shown):
-        return moved(way.table), jnp.ones(x[0].shape, tables.dtype), jnp.zeros(x[0].shape, bool)
+        return displacement(way.table), jnp.ones(x[0].shape, tables.dtype), jnp.zeros(x[0].shape, bool)
 
     cuts = way.cuts
     here, there = cuts.distances(
-        [[p + d for p, d in zip(x, moved(table), strict=True)] for table in (way.before, *way.after)]
+        [[p + d for p, d in zip(x, displacement(table), strict=True)] for table in (way.before, *way.after)]
     )
     choice, opacity = cuts.decide(here, there)
     doubt = is_doubtful(here, there, cuts.sides, cuts.softness, error, jnp)

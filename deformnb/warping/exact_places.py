@@ -49,10 +49,10 @@ class _Stages:
     sums: RadialSum
 
     def __call__(self, x: Components) -> list[Any]:
-        def moved(places: list[Any], each: RadialSum) -> tuple[list[Any], None]:
+        def move(places: list[Any], each: RadialSum) -> tuple[list[Any], None]:
             return [p + d for p, d in zip(places, each(places), strict=True)], None
 
-        ends, _ = lax.scan(moved, list(x), self.sums)
+        ends, _ = lax.scan(move, list(x), self.sums)
         return [end - start for end, start in zip(ends, x, strict=True)]
 
 

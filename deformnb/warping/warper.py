@@ -392,12 +392,12 @@ class Warper:
         most = planning.BLOCK_VOXELS * blocks * n // self.output.size
         most = min(most, -(-n // planning.processors()))  # a part for each processor
         parts = planning.parts(n, most)
-        moved = self._replicate_slices(plan) if plan.weights is None else self._modulate_slices(plan, parts[0].stop)
+        move = self._replicate_slices(plan) if plan.weights is None else self._modulate_slices(plan, parts[0].stop)
 
         def work(part: slice) -> None:
             voxels = self._voxels[*before, slice(first + part.start, first + part.stop)]
             with self._arithmetic():
-                out[*before, part] = moved(voxels, part)
+                out[*before, part] = move(voxels, part)
 
         _share([self], parts, work, progress)
         return out
@@ -412,7 +412,7 @@ class Warper:
         with self._arithmetic():
             taps, ok = sampling.row_taps(maps, at.matrix, *at.block((slice(0, count + gap),)), **settings)
 
-        def moved(voxels: NDArray[Any], _part: slice) -> NDArray[Any]:
+        def move(voxels: NDArray[Any], _part: slice) -> NDArray[Any]:
             rows = sampling.rows_by(
                 sampling.move_axis(sampling.add_row_gaps(voxels) if gap else voxels, normal, 2),
                 taps,
@@ -424,7 +424,7 @@ class Warper:
             slices = np.asarray(sampling.move_axis(np.asarray(rows), 2, normal))
             return slices[:, :count] if gap else slices
 
-        return moved
+        return move
 
     def _is_crowded(self, axis: int) -> bool:
         """Check whether slices along an axis begin whole pages apart, so that they evict each other from the cache."""
@@ -444,7 +444,7 @@ class Warper:
             fixed = jnp.asarray(plan.maps[*[slice(None)] * (normal + 2), None]), plan.matrix, whole, fraction
             maps, matrix, whole, fraction = jax.tree.map(jnp.asarray, fixed)
 
-        def moved(voxels: NDArray[Any], part: slice) -> NDArray[Any]:
+        def move(voxels: NDArray[Any], part: slice) -> NDArray[Any]:
             return as_numpy(
                 sampling.extruded(
                     sampling.share_with_jax(voxels),
@@ -459,7 +459,7 @@ class Warper:
                 )
             )
 
-        return moved
+        return move
 
     def _has_words(self, normal: int) -> bool:
         """Check whether slices along ``normal`` hold small integers, read as words, of which most are read."""
@@ -487,7 +487,7 @@ class Warper:
         with self._arithmetic():
             moves, whole, part = jax.tree.map(jnp.asarray, fixed)
 
-        def moved(voxels: NDArray[Any], some: slice) -> NDArray[Any]:
+        def move(voxels: NDArray[Any], some: slice) -> NDArray[Any]:
             slices = np.moveaxis(voxels, normal, 0)
             result = sampling.slices_in_words(
                 sampling.share_with_jax(slices),
@@ -500,7 +500,7 @@ class Warper:
             )
             return np.moveaxis(as_numpy(result), 0, normal)
 
-        return moved
+        return move
 
     def _run_blocks(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         """Parts along z and y: of maps that change along x, for slices would have to be cut out of every row; and of
@@ -740,21 +740,21 @@ def _move_rows(
     """Rows of voxels or the channels of pixels, moved as a whole: (rows, columns, n)."""
     shape = (*maps.shape[1:], table.shape[-1])
 
-    def moved(chunk: slice) -> NDArray[Any]:
+    def move(chunk: slice) -> NDArray[Any]:
         with sampling.arithmetic(fill.dtype, table.size):
             done = sampling.rows(table, maps[:, chunk], at.matrix, *at.block((chunk,)), fill, **settings)
         return as_numpy(done)
 
     chunks = planning.chunks(shape[0], shape[1] * shape[2] * fill.dtype.itemsize)
     if len(chunks) == 1:  # the kernel's own memory, not copied
-        whole = moved(chunks[0])
+        whole = move(chunks[0])
         if progress:
             progress(1.0)
         return whole
     out = np.empty(shape, fill.dtype)
 
     def work(chunk: slice) -> None:
-        out[chunk] = moved(chunk)
+        out[chunk] = move(chunk)
 
     planning.run_parts(chunks, work, progress)
     return out
