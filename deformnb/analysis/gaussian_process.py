@@ -46,7 +46,7 @@ class FitSystem:
     phi : (n, n) kernel values; nugget : (n,) lambda / weight.
     energy : C (n, n) above; the plain inverse where there is no polynomial or points have individual radii.
     weights : W (n, p); rest : Q (p, p).
-    kept : (n,) mask, false for points that :meth:`leave_out` left out.
+    kept : (n,) mask, false for points left out by :meth:`leave_out`.
     """
 
     fit: RBFInterpolant

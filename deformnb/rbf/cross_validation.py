@@ -222,7 +222,7 @@ def sample_of(x: Floats, most: int = MOST_LEFT_OUT) -> Positions:
     """About ``most`` of the places x (n, dim), spread over all, in any order and for any axes; all where few.
 
     They are taken by their distance from the centroid, every so-manyth; points equally far, such as the eight nodes of
-    a grid that its symmetries exchange, is taken together. There are none of places more than twice as many as given
+    a grid that its symmetries exchange, are taken together. There are none of places more than twice as many as given
     for that are all equally far (a ring, a ball's surface).
     """
     n = len(x)

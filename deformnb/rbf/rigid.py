@@ -142,7 +142,7 @@ class RigidMotion:
 
 
 def _numbers(value: ArrayLike | None) -> NDArray[np.float64]:
-    """An array of float64; an empty one of nothing or of no numbers."""
+    """An array of float64; an empty one for None or for anything without numbers."""
     found = None if value is None else real_array(value)
     return np.zeros(0) if found is None else found
 
