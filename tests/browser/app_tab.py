@@ -171,7 +171,7 @@ class Tab:
 
     def wait_deformed(self, before: NDArray[np.float64]) -> NDArray[np.float64]:
         """Wait until the volume is deformed as by the core and differs from the picture before; returns its picture."""
-        self.app.wait_settled()
+        self.app.wait_idle()
         wanted = silhouette(self.core())
         assert dice(silhouette(before), wanted) < 0.92  # else a volume that does not change would pass
         end = time.monotonic() + PATIENCE / 1000

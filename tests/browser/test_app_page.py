@@ -47,7 +47,7 @@ def fresh(app: RunningApp) -> RunningApp:
         app.studio.view.set_camera(session.editing.plane.normal, -np.asarray(session.editing.plane.v))
 
     app.application.thread.call(begin).result(30)
-    app.wait_settled()
+    app.wait_idle()
     return app
 
 
@@ -127,7 +127,7 @@ def test_a_rigid_part_is_dragged_and_the_volume_and_its_numbers_follow(tab: Tab)
     tab.app.application.thread.call(
         lambda: session.editing.edit_parts([RigidPart(Polygon(corners), name="cube")])
     ).result(30)
-    tab.app.wait_settled()
+    tab.app.wait_idle()
     before = tab.volume()
     tab.page.locator(".dnb-ed-shape-inside").wait_for(state="attached")
     k = tab.page.evaluate("() => document.querySelector('.dnb-editor').deformnb.viewport.view.k")
