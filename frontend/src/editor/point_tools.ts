@@ -201,7 +201,7 @@ export class PointTools {
   }
 
   #hintConflict({ point, part }: Held) {
-    const why = part.motion ? "has a motion of its own" : "is fixed";
+    const why = part.motion ? "has its own motion" : "is fixed";
     this.editor.messages.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
   }
 
