@@ -28,7 +28,7 @@ class EditorOnPage(LivePage):
         self.held: list[tuple[str, Any]] | None = None
         """The queue of traits' values for the front end, oldest first, while they are held; None sends them at once."""
         editor.send = lambda content, buffers=None: self.outbox.append(("editor", content, list(buffers or [])))
-        editor.observe(self._send_change)
+        editor.observe(self._send_trait)
         state = {
             k: pack(v)
             for k, v in editor.get_state().items()
@@ -39,13 +39,13 @@ class EditorOnPage(LivePage):
             self.draw("editor")
         self.wait_settled()
 
-    def _send_change(self, change: Any) -> None:
+    def _send_trait(self, change: Any) -> None:
         if self.editor.trait_metadata(change["name"], "sync") and self._echo != "editor":
-            told = change["name"], pack(self.editor.get_state(change["name"])[change["name"]])
+            sent = change["name"], pack(self.editor.get_state(change["name"])[change["name"]])
             if self.held is None:
-                self._deliver(*told)
+                self._deliver(*sent)
             else:
-                self.held.append(told)
+                self.held.append(sent)
 
     def _deliver(self, name: str, value: Any) -> None:
         self.page.evaluate("([k, v]) => models.editor.fromPython(k, v)", [name, value])
