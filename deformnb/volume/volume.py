@@ -1122,7 +1122,7 @@ def as_volume(given: VolumeLike) -> Volume:
     Examples
     --------
     >>> as_volume(np.zeros((2, 3, 4), np.uint8)).notes[-1][:31]
-    'an array has no place of its ow'
+    'an array has no place: it is pu'
     """
     if isinstance(given, Volume):
         return given
