@@ -14,7 +14,6 @@ const MOST_METHODS = 30,
 const LARGE_CLASSES = {
   "inputs/curve_plot.ts:CurvePlot": [35, 19],
   "inputs/player.ts:PlayerView": [17, 21],
-  "inputs/points_table.ts:PointsTableView": [50, 37],
   "inputs/transfer_editor.ts:TransferEditorView": [38, 21],
   "sync/edits.ts:Sender": [31, 22],
   "view/render_loop.ts:FrameLoop": [27, 29],

@@ -43,7 +43,7 @@ class TableOnPage:
         self.on_page.add(self.panel.table, "table")
         self.session.editing.observe(self._follow, "deformation")
         self.editor.observe(self._edited, "points")
-        self.on_page.wait(f"{TABLE}.points.length === {len(self.session.editing.points)}")
+        self.on_page.wait(f"{TABLE}.list.points.length === {len(self.session.editing.points)}")
 
     def _follow(self, _change: Any) -> None:
         self.editor.points = self.session.editing.points
@@ -58,9 +58,9 @@ class TableOnPage:
 
     def wait_answered(self) -> None:
         """Until Python has heard of all that was done in table and picture, and both show what it made of that."""
-        self.on_page.wait(f"{TABLE}.waiting.size === 0")
+        self.on_page.wait(f"{TABLE}.requests.waiting.size === 0")
         self.on_page.wait_answered()
-        self.on_page.wait(f"!{TABLE}.frame && {TABLE}.points.length === {len(self.session.editing.points)}")
+        self.on_page.wait(f"!{TABLE}.frame && {TABLE}.list.points.length === {len(self.session.editing.points)}")
         self.on_page.flush()
 
     def write(self, point: int, key: str, text: str) -> None:
@@ -159,7 +159,7 @@ def test_rows_and_picture_share_the_selection(table: TableOnPage) -> None:
     assert table.editor.selected == [1, 2, 3]
     x, y = table.on_page.to_screen((30.0, -10.0))
     table.page.mouse.click(x, y)
-    table.on_page.wait(f"[...{TABLE}.selected].join() === '0'")
+    table.on_page.wait(f"[...{TABLE}.selection.ids].join() === '0'")
     table.on_page.wait("document.querySelector('.dnb-pt-facts').innerText.startsWith('5 points \u00b7 1 selected')")
 
 
@@ -311,7 +311,7 @@ def test_two_thousand_points_put_a_few_dozen_rows_into_the_page(page: LivePage) 
     source = np.random.default_rng(0).random((2000, 2)) * 100
     page.add(shown, "table")
     shown.show(ControlPoints.from_arrays(source))
-    page.wait(f"{TABLE}.points.length === 2000")
+    page.wait(f"{TABLE}.list.points.length === 2000")
     count = "document.querySelectorAll('.dnb-pt-body .dnb-pt-row').length"
     assert page.page.evaluate(f"() => {count}") < 40
     page.page.evaluate("() => { document.querySelector('.dnb-pt-scroller').scrollTop = 26000; }")
@@ -401,7 +401,7 @@ def test_a_point_that_is_selected_while_an_older_selection_is_on_its_way_stays_s
     chosen = "{ %s.points.select([3]); models.editor.fromPython('selected', [1]); return [...%s.points.selected]; }"
     assert table.on_page.js(chosen % (PAGE, PAGE)) == [3]
     table.on_page.held = None
-    table.on_page.wait(f"[...{TABLE}.selected].join() === '3'")
+    table.on_page.wait(f"[...{TABLE}.selection.ids].join() === '3'")
     assert table.editor.selected == [3]
 
 

@@ -1,7 +1,8 @@
-// The rows of the table of control points: the data that Python sends, columns, order, texts. Pure functions; no DOM.
+// The rows of the table of control points: the data that Python sends, columns, order, selection, texts. No DOM.
 
 import type { PointsCommand } from "../generated.ts";
-import type { Model } from "../types.ts";
+import { setTrait } from "../sync/edits.ts";
+import type { Model, Point } from "../types.ts";
 
 /** The names of the axes of a picture or of a volume. */
 export function axisNames(dim: number) {
@@ -206,4 +207,126 @@ export function pointsAsCsv(points: TableRow[], dim: number) {
   const quoted = (text: string) => (/[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
   const line = (p: TableRow) => columns.map((c) => quoted(editText(cellValue(p, c, dim))));
   return [columns.map(({ key }) => key), ...points.map(line)].map((row) => `${row.join(",")}\n`).join("");
+}
+
+/** The points of a table as Python sent them, their order, and where a drag has moved them. */
+export class PointList {
+  dim = 0;
+  points: TableRow[] = [];
+  /** The column by which they are sorted; null: as they were made */
+  sort: { key: string | null; isDown: boolean } = { key: null, isDown: false };
+  /** Indices of the points, as sorted */
+  order: number[] = [];
+  /** Places in the order, by id */
+  #ranks: Map<number, number> = new Map();
+  /** Numbers of points that are being dragged, by id */
+  #dragged: Map<number, Float64Array> = new Map();
+
+  /** Take the points of a model; false while its traits do not fit together yet. */
+  read(model: Model) {
+    const points = readPoints(model);
+    if (!points) return false;
+    this.points = points;
+    this.dim = model.get("dim");
+    this.#dragged.clear();
+    return true;
+  }
+
+  /** Sort by a column: upwards, then downwards, then as the points were made. */
+  sortBy(key: string) {
+    if (this.sort.key !== key) this.sort = { key, isDown: false };
+    else if (!this.sort.isDown) this.sort.isDown = true;
+    else this.sort = { key: null, isDown: false };
+  }
+
+  arrange(columns: Column[]) {
+    const { key, isDown } = this.sort;
+    this.order = sortPoints(
+      this.points,
+      columns.find((column) => column.key === key),
+      isDown,
+      this.dim,
+    );
+    this.#ranks = new Map(this.order.map((k, rank) => [this.points[k]!.id, rank]));
+  }
+
+  /** Move points with a drag, until Python sends them. */
+  drag(points: Point[]) {
+    this.#dragged = new Map();
+    for (const { id, source, target } of points) {
+      const p = this.at(this.rankOf(id));
+      if (!p || source.length !== this.dim) continue;
+      this.#dragged.set(id, Float64Array.of(...source, ...target, ...p.numbers.slice(2 * this.dim)));
+    }
+  }
+
+  /** A point as a drag has moved it. */
+  moved(p: TableRow) {
+    const numbers = this.#dragged.get(p.id);
+    return numbers ? { ...p, numbers } : p;
+  }
+
+  get last() {
+    return this.order.length - 1;
+  }
+
+  /** The place of a point in the order, or -1. */
+  rankOf(id: number | null) {
+    return id === null ? -1 : (this.#ranks.get(id) ?? -1);
+  }
+
+  /** The point at a place in the order. */
+  at(rank: number): TableRow | undefined {
+    const k = this.order[rank];
+    return k === undefined ? undefined : this.points[k];
+  }
+}
+
+/** The selected points, which the editor shares. */
+export class Selection {
+  ids: Set<number>;
+  /** Where a range of selected rows begins */
+  #anchor: number | null = null;
+
+  /** @param changed called after a change by the user */
+  constructor(
+    readonly model: Model,
+    readonly list: PointList,
+    readonly changed: () => void,
+  ) {
+    this.ids = new Set(model.get("selected"));
+  }
+
+  /** The selected points, else this one. */
+  or(id: number | null) {
+    return this.ids.size ? [...this.ids] : id === null ? [] : [id];
+  }
+
+  select(ids: number[]) {
+    this.ids = new Set(ids);
+    setTrait(this.model, "selected", [...this.ids]);
+    this.changed();
+  }
+
+  /** Take a selection from Python, as after a click in the picture; false if it is the same. */
+  take(ids: number[]) {
+    if (ids.length === this.ids.size && ids.every((id) => this.ids.has(id))) return false;
+    this.ids = new Set(ids);
+    return true;
+  }
+
+  choose(rank: number, isToggled: boolean, isRange: boolean) {
+    const { ids, list } = this,
+      id = list.at(rank)?.id,
+      from = list.rankOf(this.#anchor);
+    if (id === undefined) return;
+    if (isRange && from >= 0) {
+      const [low, high] = [Math.min(from, rank), Math.max(from, rank)];
+      this.select(list.order.slice(low, high + 1).map((k) => list.points[k]!.id));
+      return;
+    }
+    this.#anchor = id;
+    if (!isToggled) this.select([id]);
+    else this.select(ids.has(id) ? [...ids].filter((other) => other !== id) : [...ids, id]);
+  }
 }
