@@ -23,15 +23,15 @@ from deformnb.document.space_maps import Scale, rescaled_step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, cuts_outside
 from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
-from deformnb.rbf.fields import AbstractField, Identity, blend, compose
+from deformnb.rbf.fields import AbstractField, AbstractFit, Identity, blend, compose
 from deformnb.rbf.fit_settings import AbstractFitSettings, FitSettings, label_of
-from deformnb.rbf.fitting import Fit, check_parts_of_direction, check_stages
+from deformnb.rbf.fitting import check_parts_of_direction, check_stages
 from deformnb.rbf.interpolant import FOLDS_WARNING
 from deformnb.rbf.kernels import as_kernel
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart, part_conflicts
-from deformnb.rbf.slits import TipBlend, check_slits
+from deformnb.rbf.slits import check_slits
 from deformnb.rbf.support import lone_support
 from deformnb.volume.channels import Channels
 from deformnb.volume.known_spacings import KnownSpacing, older_document
@@ -215,17 +215,17 @@ class Step(AbstractFitSettings):
         return EXTRUSIONS[self.extrusion](*arguments.get(self.extrusion, ()))
 
     @check_arguments
-    def fits(self, grid: Grid) -> tuple[Fit | TipBlend, ...]:
+    def fits(self, grid: Grid) -> tuple[AbstractFit, ...]:
         """The solved interpolants: one for each set of control points, and for each region of it between cuts."""
         return tuple(fit for fits in self.fits_of_regions(grid) for fit in fits.values())
 
     @check_arguments
-    def fits_of_regions(self, grid: Grid) -> tuple[Mapping[Sides, Fit | TipBlend], ...]:
+    def fits_of_regions(self, grid: Grid) -> tuple[Mapping[Sides, AbstractFit], ...]:
         """For each set of control points the fits of the regions that have some; without cuts there is one region.
 
         They are solved once for a grid, and cached until another is requested: a step never changes.
         """
-        known: tuple[Grid, tuple[Mapping[Sides, Fit | TipBlend], ...]] | None = self.__dict__.get("_solved")
+        known: tuple[Grid, tuple[Mapping[Sides, AbstractFit], ...]] | None = self.__dict__.get("_solved")
         if known is None or known[0] != grid:
             settings, lone = self.settings, lone_support(grid)
             fits = tuple(settings.fits(points, self.parts, self.cut_regions, lone=lone) for points in self.maps)

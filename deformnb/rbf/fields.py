@@ -20,6 +20,7 @@ from deformnb._deferred import ndimage
 from deformnb._jax import blockwise, double_precision, float64, full_precision, is_traced, jax, jnp, pytree
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
+from deformnb.rbf.kernels import AbstractKernel
 from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import aligned_empty
 from deformnb.volume.units import ratio
@@ -179,6 +180,56 @@ class AbstractField(ABC):
         if self.dim != 3:
             raise DeformError("a field over a plane has no values on a grid in space; extrude it first.")
         return self.lattice_values(*grid_lines(grid), min(grid.spacing)).reshape(3, *grid.shape)
+
+
+class AbstractFit(AbstractField):
+    """A field fitted to control points."""
+
+    @property
+    @abstractmethod
+    def ids(self) -> tuple[int, ...]:
+        """Ids of the control points that were fitted."""
+
+    @property
+    @abstractmethod
+    def trend(self) -> str:
+        """Name of the trend, one of :data:`~deformnb.rbf.trends.TRENDS`."""
+
+    @property
+    @abstractmethod
+    def notes(self) -> tuple[str, ...]:
+        """Remarks for a status line, each once."""
+
+
+class AbstractInterpolant(AbstractFit):
+    """A fit by one kernel in one stage, without rigid parts.
+
+    Attributes
+    ----------
+    support : largest support radius, physical.
+    count : number of control points.
+    """
+
+    support: Any
+    count: Any
+
+    @property
+    @abstractmethod
+    def kernel(self) -> type[AbstractKernel]:
+        """The kernel class."""
+
+    @property
+    @abstractmethod
+    def targets(self) -> NDArray[np.float64]:
+        """Targets (n, dim) of the control points that were fitted, physical."""
+
+    @abstractmethod
+    def bound(self, pixel: float = 0.0) -> float:
+        """The largest ``|D(target) - (source - target)|`` of the control points by any evaluation, physical."""
+
+    @abstractmethod
+    def folds_between_points(self) -> bool:
+        """Check for ``det(1 + dD/dx) <= 0`` at a control point, next to it or between them."""
 
 
 class HasField(Protocol):

@@ -14,14 +14,14 @@ from typing import Any
 from deformnb.checks import check_fields, is_finite, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, Sides, points_of_regions
-from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.fitting import Fit, check_stages, fit_points
+from deformnb.rbf.fields import AbstractField, AbstractFit
+from deformnb.rbf.fitting import check_stages, fit_points
 from deformnb.rbf.forward import check_direction, orient_points
 from deformnb.rbf.kernels import AbstractKernel, as_kernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart, scaled_points
-from deformnb.rbf.slits import TipBlend, check_slits, fits_around_slits, is_slit
+from deformnb.rbf.slits import check_slits, fits_around_slits, is_slit
 from deformnb.rbf.support import SUPPORT_RULES, ChosenSupport, check_support, choose_support, usual_support
 from deformnb.rbf.trends import find_trend
 
@@ -174,7 +174,7 @@ class FitSettings(AbstractFitSettings):
         *,
         lone: float | None = None,
         previous: Mapping[Sides, Any] | None = None,
-    ) -> dict[Sides, Fit | TipBlend]:
+    ) -> dict[Sides, AbstractFit]:
         """Fit control points in each region between cuts that has some; without cuts there is one region.
 
         With cuts that stop inside the body every region has a :class:`~deformnb.rbf.slits.TipBlend`.
@@ -195,7 +195,7 @@ class FitSettings(AbstractFitSettings):
         moved = [part.scaled(self.strength) for part in parts if part.enabled]
         before = dict(previous or {})
 
-        def fit(_sides: Sides, own: ControlPoints, last: Any) -> Fit:
+        def fit(_sides: Sides, own: ControlPoints, last: Any) -> AbstractFit:
             dragged = scaled_points(own, parts, self.strength)
             return fit_points(
                 dragged, moved, stages=self.stages, direction=self.direction, previous=last, **self.arguments(own, lone)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from deformnb.checks import is_finite, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import LARGEST_SET, prepare
+from deformnb.rbf.fields import AbstractFit, AbstractInterpolant
 from deformnb.rbf.forward import ForwardFit, check_direction, orient_points
 from deformnb.rbf.interpolant import RBFInterpolant, TooFlatError, solve_prepared
 from deformnb.rbf.kernels import AbstractKernel, Phi, as_kernel
@@ -23,9 +24,6 @@ from deformnb.rbf.stages import MOST_STAGES, Staged
 from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS, Trend, find_trend
 
-Fit = RBFInterpolant | LocalFits | ForwardFit | RigidInterpolant | Staged
-"""Fit of a set of control points; all have notes, ids and a trend."""
-
 
 def fit_rbf(
     points: ControlPoints,
@@ -34,7 +32,7 @@ def fit_rbf(
     support: float | None = None,
     trend: str = "affine",
     smoothing: float = 0.0,
-    previous: RBFInterpolant | LocalFits | None = None,
+    previous: AbstractInterpolant | None = None,
 ) -> RBFInterpolant | LocalFits:
     """Fit the displacement of control points.
 
@@ -246,8 +244,8 @@ def fit_points(
     trend: str = "affine",
     smoothing: float = 0.0,
     direction: str = "backward",
-    previous: Fit | None = None,
-) -> Fit:
+    previous: AbstractFit | None = None,
+) -> AbstractFit:
     """Fit control points, with rigid parts if there are some, in one go or in stages.
 
     Parameters
@@ -283,8 +281,8 @@ def fit_points(
             )
         if any(part.enabled for part in parts):
             return fit_rigid(points, parts, support=support, **settings)
-        kept = previous if isinstance(previous, RBFInterpolant | LocalFits) else None
-        return fit_rbf(points, support=support, previous=kept, **settings)
+        last = previous if isinstance(previous, AbstractInterpolant) else None
+        return fit_rbf(points, support=support, previous=last, **settings)
     settings["support"] = support or choose_support([orient_points(points, direction)], **settings)
     return Staged(
         tuple(
@@ -407,7 +405,7 @@ def _partial_drag(points: ControlPoints, j: int, stages: int) -> ControlPoints:
 
 def _fit_stage(
     points: ControlPoints, parts: Sequence[RigidPart], direction: str, settings: dict[str, Any], j: int, stages: int
-) -> RBFInterpolant | LocalFits | ForwardFit | RigidInterpolant:
+) -> AbstractFit:
     try:
         if direction == "forward":
             return fit_forward(points, **settings)

@@ -25,7 +25,8 @@ from deformnb._typing import Floats
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.exactness import SHARES
-from deformnb.rbf.fields import BLOCK, AbstractField
+from deformnb.rbf.fields import BLOCK, AbstractFit, AbstractInterpolant
+from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.newton import keep_better, lengths_of, map_of, newton, search
 from deformnb.rbf.points import ControlPoints
 
@@ -73,12 +74,12 @@ def orient_points(points: ControlPoints, direction: str) -> ControlPoints:
 
 @pytree(data_fields=["forward"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
-class ForwardFit(AbstractField):
+class ForwardFit(AbstractFit):
     """The inverse of a fit from sources to targets; a backward displacement field of dimension 2 or 3.
 
     Parameters
     ----------
-    forward : F, an RBFInterpolant or LocalFits whose centres are the sources.
+    forward : F, whose centres are the sources.
 
     Examples
     --------
@@ -91,22 +92,22 @@ class ForwardFit(AbstractField):
     [True]
     """
 
-    forward: Any
+    forward: AbstractInterpolant
 
     def __repr__(self) -> str:
         return f"<ForwardFit: inverse of {self.forward!r}>"
 
     @property
     def dim(self) -> int:
-        return int(self.forward.dim)
+        return self.forward.dim
 
     @property
     def ids(self) -> tuple[int, ...]:
         """Ids of the control points behind the fit."""
-        return tuple(self.forward.ids)
+        return self.forward.ids
 
     @property
-    def kernel(self) -> Any:
+    def kernel(self) -> type[AbstractKernel]:
         """The kernel of the fit."""
         return self.forward.kernel
 
@@ -118,7 +119,7 @@ class ForwardFit(AbstractField):
     @property
     def trend(self) -> str:
         """The trend of the fit."""
-        return str(self.forward.trend)
+        return self.forward.trend
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -129,20 +130,20 @@ class ForwardFit(AbstractField):
 
     @property
     def is_identity(self) -> bool:
-        return bool(self.forward.is_identity)
+        return self.forward.is_identity
 
     def bound(self, pixel: float = 0.0) -> float:
         """As :meth:`~deformnb.rbf.interpolant.RBFInterpolant.bound`: that of the fit, and the residual that a certain
         place may have, times the largest stretch of the inverse at the points.
         """
         if self.is_identity:
-            return float(self.forward.bound())
+            return self.forward.bound()
         stretch = max(1.0, float(np.linalg.norm(self._point_data[1], 2, axis=(1, 2)).max(initial=1.0)))
-        return stretch * (float(self.forward.bound()) + FOUND * self.size) + SHARES["lattice"] * pixel
+        return stretch * (self.forward.bound() + FOUND * self.size) + SHARES["lattice"] * pixel
 
     def folds_between_points(self) -> bool:
         """Check for a fold of the fit at a control point or between them, where the inverse jumps."""
-        return bool(self.forward.folds_between_points())
+        return self.forward.folds_between_points()
 
     @full_precision
     def jax_displacement(self, points: Any) -> Any:
@@ -230,11 +231,7 @@ class ForwardFit(AbstractField):
     @cached_property
     def _sources(self) -> Floats:
         """The sources of the control points, (n, dim)."""
-        fits = getattr(self.forward, "fits", (self.forward,))
-        every = [
-            np.asarray(f.origin) + float(f.support) * np.asarray(f.centers, np.float64)[: int(f.count)] for f in fits
-        ]
-        return np.unique(np.concatenate(every), axis=0)  # boxes of local fits share some
+        return np.unique(self.forward.targets, axis=0)  # boxes of local fits share some
 
     @cached_property
     def _targets(self) -> Floats:

@@ -49,7 +49,7 @@ from deformnb.rbf.evaluation import (
 )
 from deformnb.rbf.exactness import DERIVATIVE, MOST_MISSED, RESIDUAL, ROUNDING, SHARES, largest_miss
 from deformnb.rbf.factors import DENSE, Matrix, factor_matrix, matrix_of
-from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
+from deformnb.rbf.fields import AbstractInterpolant, grid_lines, raster_lines
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
 from deformnb.rbf.system import Solved, solve, solve_bordered, solve_factored
 from deformnb.rbf.trends import NO_ANGLE, spread_of
@@ -138,7 +138,7 @@ class Polynomial(NamedTuple):
     meta_fields=["kernel", "trend", "of_points", "ids", "unit"],
 )
 @dataclass(frozen=True, eq=False, repr=False)
-class RBFInterpolant(AbstractField):
+class RBFInterpolant(AbstractInterpolant):
     """The solved interpolant; a backward displacement field of dimension 2 or 3.
 
     Parameters
@@ -213,10 +213,14 @@ class RBFInterpolant(AbstractField):
         """Those of the :attr:`notes` that are known of the points and the trend, without looking at the map."""
         return self.of_points if self.is_identity else self.of_points + _warnings(self)
 
+    @property
+    def targets(self) -> NDArray[np.float64]:
+        centers = np.asarray(self.centers, dtype=np.float64)[: int(self.count)]
+        return np.asarray(self.origin) + float(self.support) * centers
+
     def prescribed_displacements(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Targets (n, dim) of the points behind the centres, and the displacements that are prescribed there."""
-        n = int(self.count)
-        targets = self.origin + self.support * np.asarray(self.centers, dtype=np.float64)[:n]
+        n, targets = int(self.count), self.targets
         given = self.displacement(targets)
         return targets, given if self.nugget is None else given + (
             np.asarray(self.nugget)[:n, None] * np.asarray(self.coefficients)[:n]

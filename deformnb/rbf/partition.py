@@ -15,6 +15,7 @@ Approximation (2004), chapter 15).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from deformnb._jax import jax, jnp, lax, pytree
 from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import SAME_DISTANCE, PreparedPoints, diameter_of
-from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fields import AbstractInterpolant
 from deformnb.rbf.interpolant import RBFInterpolant, TooFlatError, solve_prepared
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.trends import Span, quadric_span, ridge_of, spread_of, spreads_of
@@ -51,7 +52,7 @@ _SHORTEST = 0.05  # and at least
 
 @pytree(data_fields=["fits", "low", "high", "margin", "frame", "missed"], meta_fields=["remarks", "ids", "unit"])
 @dataclass(frozen=True, eq=False, repr=False)
-class LocalFits(AbstractField):
+class LocalFits(AbstractInterpolant):
     """Fits of the points in and around boxes that tile space, blended across the faces of these.
 
     Parameters
@@ -83,17 +84,21 @@ class LocalFits(AbstractField):
         """The kernel of the fits."""
         return self.fits[0].kernel
 
-    @property
+    @cached_property
     def support(self) -> float:
         """The longest support of the fits."""
         return max(float(fit.support) for fit in self.fits)
+
+    @property
+    def targets(self) -> Floats:
+        return np.concatenate([fit.targets for fit in self.fits])
 
     @property
     def trend(self) -> str:
         """The trend of the fits."""
         return str(self.fits[0].trend)
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of control points."""
         return len(self.ids)

@@ -36,7 +36,7 @@ from deformnb._deferred import scipy
 from deformnb._jax import blockwise, full_precision, jax, jnp, pytree
 from deformnb.checks import check_fields, real_array
 from deformnb.errors import DeformError
-from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fields import AbstractFit, AbstractInterpolant
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 
@@ -378,19 +378,19 @@ class RigidPart:
 
 @pytree(data_fields=["base", "regions", "matrices", "shifts", "scales"], meta_fields=["weights", "notes"])
 @dataclass(frozen=True, eq=False, repr=False)
-class RigidInterpolant(AbstractField):
+class RigidInterpolant(AbstractFit):
     """The solved displacement with rigid parts: ``D(x) = (L(x) - x) + w(x) g(x)``.
 
     Parameters
     ----------
-    base : g, the fit of the residual at the control points: an RBFInterpolant or LocalFits.
+    base : g, the fit of the residual at the control points.
     regions : K regions; matrices (K, dim, dim), shifts (K, dim): their backward motions L_k.
     scales : (K,) lengths by which the distances are divided.
     weights : K names of :data:`WEIGHTS`.
     notes : remarks for a status line.
     """
 
-    base: Any
+    base: AbstractInterpolant
     regions: tuple[AbstractRegion, ...]
     matrices: Any
     shifts: Any
@@ -400,17 +400,17 @@ class RigidInterpolant(AbstractField):
 
     @property
     def dim(self) -> int:
-        return int(self.base.dim)
+        return self.base.dim
 
     @property
     def ids(self) -> tuple[int, ...]:
         """Ids of the control points behind the fit."""
-        return tuple(self.base.ids)
+        return self.base.ids
 
     @property
     def trend(self) -> str:
         """The trend of what the parts leave free."""
-        return str(self.base.trend)
+        return self.base.trend
 
     @full_precision
     def jax_displacement(self, points: Any) -> Any:

@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._jax import jax, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Sides, points_of_regions
-from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.rbf.fields import AbstractField, AbstractFit, Identity
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, Line
 
@@ -46,7 +46,7 @@ MOST_SLITS = 3
 
 @pytree(data_fields=["fits", "lines"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
-class TipBlend(AbstractField):
+class TipBlend(AbstractFit):
     """The map of one region with cuts that stop: its fits with and without each of these cuts, blended at the tips.
 
     Parameters
@@ -62,7 +62,7 @@ class TipBlend(AbstractField):
     [[0.0, 0.0]]
     """
 
-    fits: tuple[Any, ...]
+    fits: tuple[AbstractField, ...]
     lines: tuple[Line, ...]
 
     @property
@@ -72,17 +72,18 @@ class TipBlend(AbstractField):
     @property
     def ids(self) -> tuple[int, ...]:
         """Ids of the control points that move the region away from the tips."""
-        return tuple(getattr(self.fits[-1], "ids", ()))
+        last = self.fits[-1]
+        return last.ids if isinstance(last, AbstractFit) else ()
 
     @property
     def trend(self) -> str:
         """The trend of the fits."""
-        return next((str(fit.trend) for fit in self.fits if not isinstance(fit, Identity)), "none")
+        return next((fit.trend for fit in self.fits if isinstance(fit, AbstractFit)), "none")
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks of all fits, each once."""
-        return tuple(dict.fromkeys(note for fit in self.fits for note in getattr(fit, "notes", ())))
+        return tuple(dict.fromkeys(note for fit in self.fits if isinstance(fit, AbstractFit) for note in fit.notes))
 
     def jax_displacement(self, points: Any) -> Any:
         moves = [fit.jax_displacement(points) for fit in self.fits]

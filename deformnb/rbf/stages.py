@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import pytree
-from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fields import AbstractField, AbstractFit
 
 MOST_STAGES = 64
 """Stages of a step at most; a drag cut in 64 parts turns by less than 6 degrees in each."""
@@ -24,7 +24,7 @@ MOST_STAGES = 64
 
 @pytree(data_fields=["fits"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
-class Staged(AbstractField):
+class Staged(AbstractFit):
     """Fits done one after the other, first to last; a backward displacement field of dimension 2 or 3.
 
     Parameters
