@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NotRequired, Required, Union, get_args, get_origin, get_type_hints
 
@@ -17,15 +18,6 @@ from deformnb.widgets.messages.views import LIVE, SERVED
 
 CHANNELS = (EDITOR, SPACE_EDITOR, VALUE, LIST, TABLE, TRANSFER, UPLOAD, RESTORE, HEAD, BOXES, LIVE, SERVED)
 """Those of all widgets."""
-
-_SCALARS = {
-    str: ("text", "string"),
-    int: ("whole number", "number"),
-    float: ("number", "number"),
-    bool: ("true or false", "boolean"),
-    NoneType: ("null", "null"),
-    Any: ("any JSON", "unknown"),
-}
 
 
 def fields(record: type) -> Iterator[tuple[str, Any, bool]]:
@@ -94,6 +86,51 @@ def bounds(hint: Any) -> str:
     return f"{low} to {high}"
 
 
+@dataclass(frozen=True)
+class _Notation:
+    """A notation for types: the text of each kind, from the texts of its parts.
+
+    Parameters
+    ----------
+    name : key of the ``extra`` of a :class:`msgspec.Meta` that replaces the text.
+    scalars : texts of the types without parts.
+    alternative : between the members of a union, and the values of a Literal.
+    array : of an item, the least number of items, and whether no more are allowed.
+    sequence : of the items of a tuple.
+    mapping : of the values of a dictionary with text as keys.
+    """
+
+    name: str
+    scalars: dict[Any, str]
+    alternative: str
+    array: Callable[[str, int, bool], str]
+    sequence: Callable[[list[str]], str]
+    mapping: Callable[[str], str]
+
+
+def _typescript_array(item: str, least: int, is_fixed: bool) -> str:
+    rest = f"({item})[]" if " | " in item else f"{item}[]"
+    return f"[{', '.join([item] * least + [f'...{rest}'] * (not is_fixed))}]" if least else rest
+
+
+_WORDS = _Notation(
+    "words",
+    {str: "text", int: "whole number", float: "number", bool: "true or false", NoneType: "null", Any: "any JSON"},
+    " or ",
+    lambda item, *_: f"list of {item}" if item.endswith("s") else f"list of {item}s",
+    lambda items: f"{len(items)} {items[0]}s",
+    lambda _: "object",
+)
+_TYPESCRIPT = _Notation(
+    "typescript",
+    {str: "string", int: "number", float: "number", bool: "boolean", NoneType: "null", Any: "unknown"},
+    " | ",
+    _typescript_array,
+    lambda items: f"[{', '.join(items)}]",
+    lambda value: f"Record<string, {value}>",
+)
+
+
 def words(hint: Any) -> str:
     """A type in words.
 
@@ -102,22 +139,7 @@ def words(hint: Any) -> str:
     >>> words(Literal["move", "end"] | None), words(list[float]), words(dict[str, Any])
     ('"move" or "end" or null', 'list of numbers', 'object')
     """
-    inner, _ = metas(hint)
-    kind, parts = get_origin(inner), get_args(inner)
-    if inner in OBJECTS:
-        return words(OBJECTS[inner][0])
-    if kind is Literal:
-        return " or ".join(json.dumps(value) for value in parts)
-    if kind in (Union, UnionType):
-        return " or ".join(words(part) for part in parts if part is not UnsetType)
-    if kind is list:
-        said = words(parts[0])
-        return f"list of {said}" if said.endswith("s") else f"list of {said}s"
-    if kind is tuple:
-        return f"{len(parts)} {words(parts[0])}s"
-    if kind is dict or _is_record(inner):
-        return inner.__name__ if _is_record(inner) else "object"
-    return _SCALARS[inner][0]
+    return _write(hint, _WORDS)
 
 
 def typescript(hint: Any) -> str:
@@ -130,28 +152,31 @@ def typescript(hint: Any) -> str:
     >>> typescript(Annotated[list[float], Meta(min_length=2, max_length=3)])
     '[number, number, ...number[]]'
     """
+    return _write(hint, _TYPESCRIPT)
+
+
+def _write(hint: Any, notation: _Notation) -> str:
     inner, notes = metas(hint)
-    given = [note.extra["typescript"] for note in notes if note.extra and "typescript" in note.extra]
-    if given:
-        return str(given[-1]) + (" | null" if NoneType in get_args(inner) else "")
     kind, parts = get_origin(inner), get_args(inner)
+    given = [note.extra[notation.name] for note in notes if note.extra and notation.name in note.extra]
+    if given:
+        null = notation.alternative + notation.scalars[NoneType]
+        return str(given[-1]) + (null if NoneType in parts else "")
     if inner in OBJECTS:
-        return typescript(OBJECTS[inner][0])
+        return _write(OBJECTS[inner][0], notation)
     if kind is Literal:
-        return " | ".join(json.dumps(value) for value in parts)
+        return notation.alternative.join(json.dumps(value) for value in parts)
+    texts = [_write(part, notation) for part in parts if part is not UnsetType]
     if kind in (Union, UnionType):
-        return " | ".join(typescript(part) for part in parts if part is not UnsetType)
+        return notation.alternative.join(texts)
     if kind is list:
-        item = typescript(parts[0])
-        rest = f"({item})[]" if " | " in item else f"{item}[]"
         least = max((note.min_length or 0 for note in notes), default=0)
-        is_fixed = any(note.max_length == least for note in notes)
-        return f"[{', '.join([item] * least + [f'...{rest}'] * (not is_fixed))}]" if least else rest
+        return notation.array(texts[0], least, any(note.max_length == least for note in notes))
     if kind is tuple:
-        return f"[{', '.join(map(typescript, parts))}]"
+        return notation.sequence(texts)
     if kind is dict:
-        return f"Record<string, {typescript(parts[1])}>"
-    return str(inner.__name__) if _is_record(inner) else _SCALARS[inner][1]
+        return notation.mapping(texts[1])
+    return str(inner.__name__) if _is_record(inner) else notation.scalars[inner]
 
 
 def _is_record(inner: Any) -> bool:
