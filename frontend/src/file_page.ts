@@ -282,15 +282,13 @@ class FilePage extends StandalonePage {
 
   /** Displacements [da, db] of the picture at places [a, b], for tests: from where the pixels there were sampled. */
   displacements(places: [number, number][]) {
-    const {
-      map: { fit },
-    } = this.#editorView;
+    const { fit } = this.#editorView.parts.map;
     return fit && places.map(([a, b]) => fieldAt(fit, a, b));
   }
 
   async #savePicture() {
     const editor = this.#editorView,
-      { source } = editor.picture.painter;
+      { source } = editor.parts.picture.painter;
     if (!source) return;
     const {
       raster: {
@@ -304,9 +302,9 @@ class FilePage extends StandalonePage {
     const painter = new Painter(document.createElement("canvas")),
       width = (a1 - a0) * k,
       height = (b1 - b0) * k;
-    Object.assign(painter, { source, colours: editor.picture.painter.colours });
+    Object.assign(painter, { source, colours: editor.parts.picture.painter.colours });
     painter.resize(width, height, 1);
-    painter.paint({ k, x: -a0 * k, y: -b0 * k, width, height, ratio: 1 }, editor.map.layered, {
+    painter.paint({ k, x: -a0 * k, y: -b0 * k, width, height, ratio: 1 }, editor.parts.map.layered, {
       isMoving: false,
       paper: "#000000",
     });

@@ -22,7 +22,7 @@ PATIENCE = 60_000  # milliseconds, on a busy machine
 
 _DRAWN = """() => {
   const editor = document.querySelector('.dnb-editor')?.deformnb, live = document.querySelector('.dnb-view')?.deformnb;
-  return Boolean(editor?.picture.painter.source && live?.caster?.isReady && live.field);
+  return Boolean(editor?.parts.picture.painter.source && live?.caster?.isReady && live.field);
 }"""
 _VOLUME = """() => {
   const page = document.querySelector('.dnb-view').deformnb;
@@ -134,7 +134,7 @@ class Tab:
         wait_until(lambda: count() == (points, moved))
         self.page.wait_for_function(
             """([count, moved]) => {
-          const points = document.querySelector('.dnb-editor')?.deformnb?.points.list ?? [];
+          const points = document.querySelector('.dnb-editor')?.deformnb?.parts.points.list ?? [];
           return points.length === count && points.filter(({ source, target }) =>
             Math.hypot(source[0] - target[0], source[1] - target[1]) > 1e-6).length === moved; }""",
             arg=[points, moved],

@@ -16,7 +16,7 @@ from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.editor.editor import Editor
 
-PAGE = "document.querySelector('.dnb-editor').deformnb"
+PAGE = "document.querySelector('.dnb-editor').deformnb.parts"
 
 
 class EditorOnPage(LivePage):

@@ -130,8 +130,8 @@ def test_a_rigid_part_is_dragged_and_the_volume_and_its_numbers_follow(tab: Tab)
     tab.app.wait_idle()
     before = tab.volume()
     tab.page.locator(".dnb-ed-shape-inside").wait_for(state="attached")
-    k = tab.page.evaluate("() => document.querySelector('.dnb-editor').deformnb.viewport.view.k")
-    corner = tab.page.evaluate("""() => { const page = document.querySelector('.dnb-editor').deformnb;
+    k = tab.page.evaluate("() => document.querySelector('.dnb-editor').deformnb.parts.viewport.view.k")
+    corner = tab.page.evaluate("""() => { const page = document.querySelector('.dnb-editor').deformnb.parts;
         const box = page.stage.element.getBoundingClientRect(), { region } = page.points.shapes.parts[0];
         const [a, b] = page.viewport.onView(region.vertices[0]);
         return [box.left + a, box.top + b]; }""")
@@ -226,7 +226,7 @@ def test_another_side_shows_another_picture(tab: Tab) -> None:
     tab.page.locator(".dnb-pane-head").get_by_label("Side").select_option("from above (-z)")
     tab.page.wait_for_function(
         """(before) => {
-        const { picture: { painter }, model } = document.querySelector('.dnb-editor').deformnb;
+        const { picture: { painter }, model } = document.querySelector('.dnb-editor').deformnb.parts;
         return model.get('raster').shape[0] !== before[0] && painter.source?.raster.shape[0] !== before[0]; }""",
         arg=before,
         timeout=PATIENCE,
@@ -382,7 +382,7 @@ def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> 
     tab = Tab(browser, fresh)
     tab.wait_for_points(4, 4)
     assert tab.page.evaluate(
-        "document.querySelector('.dnb-editor').deformnb.points.list[0].target[0]"
+        "document.querySelector('.dnb-editor').deformnb.parts.points.list[0].target[0]"
     ) == pytest.approx(float(moved.target[0, 0]))
     tab.close()
 
@@ -516,7 +516,7 @@ def test_the_status_line_has_room_for_its_advice_and_moves_nothing(browser: Any,
         ):
             page.evaluate(
                 """([what, region]) =>
-                document.querySelector('.dnb-editor').deformnb.tools.shapes.add(what, region)""",
+                document.querySelector('.dnb-editor').deformnb.parts.tools.shapes.add(what, region)""",
                 [what, region],
             )
             look()

@@ -32,7 +32,7 @@ studio.editor.observe(tell, ["overlay", "uncertainty"])
 tell()
 studio
 """
-EDITOR = "document.querySelector('.dnb-editor')?.deformnb"
+EDITOR = "document.querySelector('.dnb-editor')?.deformnb?.parts"
 
 
 def test_a_drag_that_folds_is_told_and_unfolded(lab: Lab, tab: Any) -> None:

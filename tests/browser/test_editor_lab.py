@@ -28,7 +28,7 @@ editor.on_edit(lambda points, phase: moves.append(phase))
 editor
 """,
 ]
-PAGE = "document.querySelector('.dnb-editor').deformnb"
+PAGE = "document.querySelector('.dnb-editor').deformnb.parts"
 STATE = "import json; print(json.dumps([editor.points.target.tolist(), list(editor.points.ids), moves.count('end')]))"
 
 

@@ -468,7 +468,8 @@ def test_two_views_of_one_editor_agree(opened: Any, picture: Picture, points: Co
     assert first == second
     page.page.keyboard.press("Control+z")
     assert page.points == points  # one edit, recorded once
-    both = page.js("[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb.points.list[4].target[0])")
+    views = "[...document.querySelectorAll('.dnb-editor')]"
+    both = page.js(f"{views}.map((e) => e.deformnb.parts.points.list[4].target[0])")
     assert both == [70, 70]
 
 

@@ -129,7 +129,7 @@ def test_in_an_application_that_it_fills_a_finger_is_the_editors(opened: Any, pi
     page = opened(Editor(picture))
     page.js("document.querySelector('.dnb-editor').parentElement.style.height = '480px'")
     page.js("models.editor.set('fill', true)")
-    page.js(f"{PAGE}.layout()")
+    page.js("document.querySelector('.dnb-editor').deformnb.layout()")
     assert page.js("getComputedStyle(document.querySelector('.dnb-ed-stage')).touchAction") == "none"
     Fingers(page.page).drag(page.to_screen([52, 40]), (40, 0))
     page.wait(f"!{PAGE}.viewport.isFitted")

@@ -149,7 +149,7 @@ def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
         assert difference.mean() < 0.2
     assert np.abs(deformed - original)[:, near].max() > 8
     assert page.js(f"{PAGE}.map.fitAt([10, 10])") is None
-    nodes = page.js(f"""(() => {{ const editor = {PAGE}; editor.frames.markMoving(); editor.draw();
+    nodes = page.js(f"""(() => {{ const editor = {PAGE}; editor.frames.markMoving(); editor.frames.drawNow();
         return editor.picture.painter.sampled.fit.sampled.raster; }})()""")  # of grid and folds while something moves
     ends = nodes["origin"][0] + np.array([0, nodes["spacing"][0] * (nodes["shape"][1] - 1)])
     assert np.allclose(ends, picture.raster.box[:2], atol=nodes["spacing"][0])  # also below the original

@@ -43,7 +43,7 @@ studio.editor.observe(tell, "selected")
 tell()
 studio
 """
-EDITOR = "document.querySelector('.dnb-editor')?.deformnb"
+EDITOR = "document.querySelector('.dnb-editor')?.deformnb?.parts"
 
 
 @pytest.fixture(scope="module")

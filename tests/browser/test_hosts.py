@@ -57,7 +57,7 @@ studio
 """
 # A second view, which looks as the page does.
 PLAIN = 'LiveView(volume, width=120, height=90).add_class("plain")'
-EDITOR = "document.querySelector('.dnb-editor')?.deformnb"
+EDITOR = "document.querySelector('.dnb-editor')?.deformnb?.parts"
 VIEW = "document.querySelector('.dnb-view')?.deformnb"
 
 

@@ -24,7 +24,7 @@ IN_STUDIO = "document.activeElement.closest('.dnb-studio') !== null"
 ON_STAGE = "document.activeElement.matches('.dnb-ed-stage')"
 ON_TREND = "document.activeElement.matches('select') && document.activeElement.labels?.[0]?.textContent === 'Trend'"
 ON_CHECK = "document.querySelector('.jp-Cell.jp-mod-active').textContent.includes('\"turned\", studio')"
-LAST = "[...document.querySelectorAll('.dnb-editor')].at(-1).deformnb"
+LAST = "[...document.querySelectorAll('.dnb-editor')].at(-1).deformnb.parts"
 
 
 def _press_until(page: Any, key: str, condition: str, most: int = 150) -> None:

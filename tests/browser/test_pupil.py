@@ -59,7 +59,7 @@ class Pupil:
         return text
 
 
-STUDIO = "[...document.querySelectorAll('.dnb-editor')].find((e) => e.deformnb?.points.list?.length === 12)"
+STUDIO = "[...document.querySelectorAll('.dnb-editor')].find((e) => e.deformnb?.parts.points.list?.length === 12)"
 
 
 def test_a_carp_becomes_a_boarfish_and_goes_home_on_a_phone(lab: Lab, tab: Any, browser: Any, tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_a_carp_becomes_a_boarfish_and_goes_home_on_a_phone(lab: Lab, tab: Any, 
     stage, text = tab.locator(".dnb-ed-stage").last, ""
     text = pupil.read_score(text)
     for source, target in zip(goal.source, goal.target, strict=True):
-        view, box = tab.evaluate(f"{STUDIO}.deformnb.viewport.view"), box_at_rest(stage)
+        view, box = tab.evaluate(f"{STUDIO}.deformnb.parts.viewport.view"), box_at_rest(stage)
         corner = np.array([box["x"] + view["x"], box["y"] + view["y"]])
         assert box["y"] > 0, "picture and score are on the screen together"
         pupil.drag(corner + view["k"] * source, corner + view["k"] * target)

@@ -20,7 +20,7 @@ ball = (x - 19.5) ** 2 + (y - 11.5) ** 2 + (z - 19.5) ** 2 < 9 ** 2
 studio = Studio(Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((40, 24, 40)), name="ball"), side="+y", height=260)
 studio
 """
-EDITOR = "document.querySelector('.dnb-editor')?.deformnb"
+EDITOR = "document.querySelector('.dnb-editor')?.deformnb?.parts"
 
 
 def at(page: Any, a: float, b: float) -> tuple[float, float]:

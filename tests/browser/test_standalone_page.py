@@ -41,7 +41,7 @@ GRID = Grid((30, 36, 24), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), TURNED)
 FINE = GRID.resampled(spacing=0.75)
 PLANE = Plane.from_view(GRID, "+y")
 
-EDITOR = "document.querySelector('.dnb-editor').deformnb"
+EDITOR = "document.querySelector('.dnb-editor').deformnb.parts"
 VIEW = "document.querySelector('.dnb-view').deformnb"
 MODELS = "document.body.deformnb"
 SIDES = f"{VIEW}.caster.exceededSides({MODELS}.view.get('tissue_check'))"

@@ -45,7 +45,7 @@ studio.observe(tell, "deformation")
 tell()
 studio
 """
-EDITOR = "document.querySelector('.dnb-editor')?.deformnb"
+EDITOR = "document.querySelector('.dnb-editor')?.deformnb?.parts"
 VIEW = "document.querySelector('.dnb-view')?.deformnb"
 IDLE = "!document.querySelector('.dnb-il-table[aria-busy=true]')"  # a list hears no click before it was answered
 

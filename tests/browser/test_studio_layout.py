@@ -28,7 +28,7 @@ studio.editor.points = points.move(points.ids[-1], points.target[-1] + [8.0, 5.0
 studio
 """
 READY = (
-    "document.querySelector('.dnb-editor')?.deformnb?.picture.painter.source && "
+    "document.querySelector('.dnb-editor')?.deformnb?.parts.picture.painter.source && "
     "document.querySelector('.dnb-view canvas')"
 )
 NARROW = "(width) => { document.querySelector('.dnb-studio').style.maxWidth = width ? `${width}px` : ''; }"
@@ -151,7 +151,7 @@ def test_a_menu_opens_under_its_button_and_closes_by_escape_and_by_a_press_besid
 
 
 def test_an_example_is_applied_and_undone_at_once(in_lab: Lab, window: Any) -> None:
-    editor = "document.querySelector('.dnb-studio-panes .dnb-editor').deformnb"
+    editor = "document.querySelector('.dnb-studio-panes .dnb-editor').deformnb.parts"
     before = window.evaluate(f"() => JSON.stringify({editor}.points.list)")
     window.locator(".dnb-head").get_by_role("button", name="Examples", exact=True).click()
     window.locator(".dnb-menu-examples").get_by_role("button", name="Thompson's fish").click()

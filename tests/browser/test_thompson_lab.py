@@ -28,7 +28,7 @@ studio.observe(tell, "deformation")
 tell()
 studio
 """
-VIEWS = "[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb)"
+VIEWS = "[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb.parts)"
 
 
 def points_of_kernel(page: Any, count: int) -> Any:
@@ -42,7 +42,7 @@ def test_a_node_is_dragged_seen_everywhere_undone_and_printed(lab: Lab, tab: Any
     tab.set_viewport_size({"width": 1280, "height": 1000})
     lab.open_notebook(tab, [SETUP, "report"])
     tab.wait_for_selector(".report", timeout=120_000)
-    tab.wait_for_function("document.querySelector('.dnb-editor')?.deformnb.picture.painter.source", timeout=120_000)
+    tab.wait_for_function(f"{VIEWS}[0]?.picture.painter.source", timeout=120_000)
     assert tab.evaluate(f"() => {VIEWS}.length") == 1
     choose(tab, "Thompson's grids and your own")
     tab.wait_for_function(f"{VIEWS}.length === 3 && {VIEWS}[2].layers.nodes.nodes.length === 49", timeout=60_000)

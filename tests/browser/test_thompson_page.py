@@ -18,7 +18,7 @@ pytestmark = pytest.mark.needs_browser
 SIDES = """[...document.querySelectorAll('.dnb-editor')].forEach((e, k) => {
   if (k) e.parentElement.className += k === 1 ? ' dnb-th-before' : ' dnb-th-after';
   e.deformnb.layout(); })"""
-VIEWS = "[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb)"
+VIEWS = "[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb.parts)"
 NODE = "[data-node='{}']"
 CELLS = 6  # of 120 x 110: 6 across, 6 down
 

@@ -27,7 +27,7 @@ import { Modes } from "./modes.ts";
 import { NamePrompt } from "./name_prompt.ts";
 import { GHOST_TRAITS, Ghost, OVERLAY_TRAITS, Overlay } from "./overlays.ts";
 import { PartTools } from "./part_tools.ts";
-import type { Layers, Panels, Parts, Tools } from "./parts.ts";
+import type { Parts } from "./parts.ts";
 import { PointTools } from "./point_tools.ts";
 import { Gestures } from "./pointer.ts";
 import { Pen, ShapeTools } from "./shape_tools.ts";
@@ -65,13 +65,7 @@ const UNKNOWN_WIDTH = 420; // CSS pixels, until the host page has laid the edito
 export class EditorView extends EditorDrawing {
   commands: Commands;
   stage: Stage;
-  viewport: Viewport;
-  points: EditedPoints;
-  map: EditedMap;
-  picture: ShownPicture;
-  tools: Tools;
-  layers: Layers;
-  panels: Panels;
+  readonly parts: Parts;
 
   constructor(model: Model, el: HTMLElement) {
     super(model);
@@ -82,19 +76,17 @@ export class EditorView extends EditorDrawing {
     // Parts refer to one another, and read each other only once all exist.
     const parts = { model, bus, sender, messages, frames, theme, tools: {}, layers: {}, panels: {} } as Parts;
     const { tools, layers, panels } = parts;
-    this.tools = tools;
-    this.layers = layers;
-    this.panels = panels;
+    this.parts = parts;
     this.commands = parts.commands = new Commands(parts);
     panels.toolbar = new Toolbar(this.host, root);
     this.stage = parts.stage = new Stage(el, root);
-    this.viewport = parts.viewport = new Viewport(frames, () => parts.picture.sheet);
+    parts.viewport = new Viewport(frames, () => parts.picture.sheet);
     panels.names = new NamePrompt(parts);
     this.stage.element.append(messages.tip, messages.alert);
     panels.help = new HelpPanel(this.stage.element, root, () => this.stage.focus());
-    this.picture = parts.picture = new ShownPicture(parts);
-    this.points = parts.points = new EditedPoints(parts);
-    this.map = parts.map = new EditedMap(parts);
+    parts.picture = new ShownPicture(parts);
+    parts.points = new EditedPoints(parts);
+    parts.map = new EditedMap(parts);
     tools.modes = new Modes(parts);
     layers.grid = new GridLayer(parts);
     layers.ghost = new Ghost(parts);
@@ -123,8 +115,8 @@ export class EditorView extends EditorDrawing {
     this.#followPage();
     frames.guard(() => tools.shapes.choice.receive());
     frames.guard(() => {
-      this.picture.applyColours();
-      this.picture.applyShows();
+      parts.picture.applyColours();
+      parts.picture.applyShows();
     });
     frames.guard(() => this.showWaiting());
     frames.guard(() => this.layout());
@@ -132,9 +124,8 @@ export class EditorView extends EditorDrawing {
   }
 
   #followModel() {
-    const { frames, map, messages, model, picture, points, sender, tools } = this,
-      bus = busOf(model),
-      { signal } = this.stage.closing;
+    const { bus, frames, map, messages, model, picture, points, sender, stage, tools } = this.parts,
+      { signal } = stage.closing;
     const on = (name: string, handler: (message: EditorToFrontEnd) => void) => {
       const guarded = (message: EditorToFrontEnd) => frames.guard(() => handler(message));
       model.on(name, guarded);
@@ -174,7 +165,8 @@ export class EditorView extends EditorDrawing {
   }
 
   #followPage() {
-    const { frames, points, root, stage, tools } = this,
+    const { frames, points, stage, tools } = this.parts,
+      { root } = this,
       { signal } = stage.closing;
     const flush = () => {
       points.selection.flush();
@@ -187,8 +179,7 @@ export class EditorView extends EditorDrawing {
   }
 
   close() {
-    const { frames, layers, messages, points, sender, stage, theme, tools } = this,
-      bus = busOf(this.model);
+    const { bus, frames, layers, messages, points, sender, stage, theme, tools } = this.parts;
     layers.ghost.close();
     sender.flush();
     for (const part of [points.selection, tools.window, tools.wand]) part.close();
@@ -201,7 +192,7 @@ export class EditorView extends EditorDrawing {
 
   /** Take the points of this window, wherever they came from, unless the user is moving some. */
   receive() {
-    const { map, points, sender, tools } = this;
+    const { map, points, sender, tools } = this.parts;
     if (points.isDragging) return;
     if (samePoints(sender.points, points.list) && sender.shapes === points.shapes) return;
     points.list = sender.points;
@@ -212,7 +203,7 @@ export class EditorView extends EditorDrawing {
   }
 
   #receiveMove({ origin, points: list, phase, settings }: PointsDetail) {
-    const { map, points } = this;
+    const { map, points } = this.parts;
     if (origin === map.origin || points.isDragging) return;
     if (phase !== "move") {
       this.receive();
@@ -225,7 +216,7 @@ export class EditorView extends EditorDrawing {
   }
 
   message(message: EditorToFrontEnd) {
-    const { messages, points, tools } = this;
+    const { messages, points, tools } = this.parts;
     if (message.type === "error") messages.show(message.message, true);
     if (message.type === "draw" && tools.pen.draft?.tool !== message.tool) tools.modes.setPen(message.tool);
     if (message.type === "parts" && !points.isDragging) tools.parts.propose(message.parts, message.kind);
@@ -233,7 +224,7 @@ export class EditorView extends EditorDrawing {
   }
 
   loadPicture() {
-    return this.picture.load(() => {
+    return this.parts.picture.load(() => {
       this.#forgetFolds();
       this.frames.guard(() => this.layout());
     });
@@ -241,14 +232,15 @@ export class EditorView extends EditorDrawing {
 
   /** Invalidate the folds found so far: another picture has its tissue elsewhere. */
   #forgetFolds() {
-    this.map.folds = null;
-    this.layers.overlay.drawn = null;
-    this.frames.invalidate();
+    const { frames, layers, map } = this.parts;
+    map.folds = null;
+    layers.overlay.drawn = null;
+    frames.invalidate();
   }
 
   /** While Python makes another picture, disable editing; a drag under way is cancelled. */
   showWaiting() {
-    const { frames, model, panels, points, stage, tools } = this;
+    const { frames, model, panels, points, stage, tools } = this.parts;
     if (points.isWaiting) {
       tools.gestures.cancel();
       panels.names.end(false);
@@ -263,8 +255,9 @@ export class EditorView extends EditorDrawing {
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   layout() {
-    const { frames, model, picture, root, stage, viewport } = this;
-    this.theme.apply(); // a style sheet that loads late changes sizes as well
+    const { frames, model, picture, stage, theme, viewport } = this.parts,
+      { root } = this;
+    theme.apply(); // a style sheet that loads late changes sizes as well
     const [a0, a1, b0, b1] = picture.sheet,
       aspect = (b1 - b0) / (a1 - a0),
       most = Math.max(120, model.get("height"));
@@ -294,16 +287,17 @@ export class EditorView extends EditorDrawing {
 
   /** Show a point in the middle of the view. */
   lookAt(id: number) {
-    const p = this.points.withId(id);
+    const { layers, points, stage, viewport } = this.parts,
+      p = points.withId(id);
     if (!p) return;
-    this.viewport.lookAt(p.target as Vector2);
-    this.stage.element.scrollIntoView({ block: "nearest" }); // a request from a table below: it may be out of sight
-    this.layers.handles.blink([id]);
+    viewport.lookAt(p.target as Vector2);
+    stage.element.scrollIntoView({ block: "nearest" }); // a request from a table below: it may be out of sight
+    layers.handles.blink([id]);
   }
 
   draw() {
-    const { frames, layers, map, panels, picture, tools } = this,
-      { view } = this.viewport;
+    const { bus, frames, layers, map, panels, picture, theme, tools, viewport } = this.parts,
+      { view } = viewport;
     frames.restSoon(() => {
       layers.grid.last = null;
     });
@@ -312,10 +306,10 @@ export class EditorView extends EditorDrawing {
     if (map.isDirty) this.#refit();
     const fit = picture.isOriginal ? null : map.layered,
       { original, painter, sheet } = picture;
-    painter.paint(view, fit, { isMoving, paper: this.theme.colours.stage, sheet, original });
+    painter.paint(view, fit, { isMoving, paper: theme.colours.stage, sheet, original });
     painter.drawFrame(view, sheet);
     const known = fit ? (painter.sampled ?? fit) : null; // at the nodes of the picture while something moves
-    const { latest } = busOf(this.model);
+    const { latest } = bus;
     if (latest && latest.layered === fit && latest.phase === "move") latest.sampled = painter.sampled;
     if (layers.grid.isOn) layers.grid.draw(known, original.share);
     layers.ghost.draw();
@@ -334,7 +328,7 @@ export class EditorView extends EditorDrawing {
   }
 
   #refit() {
-    const { map, picture, tools } = this;
+    const { map, picture, tools } = this.parts;
     if (picture.isBefore) {
       map.isDirty = false; // it shows no fit
       return;
@@ -345,7 +339,7 @@ export class EditorView extends EditorDrawing {
 
   /** Draw shapes, nodes, points and the marks of tools. */
   #drawHandles(fit: LayeredFit | null) {
-    const { layers, map, model, points, stage, tools, viewport } = this,
+    const { layers, map, model, points, stage, tools, viewport } = this.parts,
       { reach } = map;
     const radius = model.get("show_radius") ? reach : 0,
       isLost = tools.shapes.draw();
@@ -369,45 +363,42 @@ export class EditorView extends EditorDrawing {
   }
 
   #updateToolbar() {
-    const {
-        model,
-        points: { list: points, selected },
-        sender,
-        tools: { brush, points: pointTools, shapes: shapeTools },
-      } = this,
-      tool = this.tools.pen.draft?.tool;
-    const isShape = shapeTools.choice.shape !== null && selected.size === 0;
-    this.panels.toolbar.hide("wand", !this.tools.wand.isThere);
-    const own = points.filter((p) => selected.has(p.id));
+    const { model, panels, picture, points, sender, tools } = this.parts,
+      { choice } = tools.shapes,
+      { list, selected } = points,
+      tool = tools.pen.draft?.tool;
+    const isShape = choice.shape !== null && selected.size === 0;
+    panels.toolbar.hide("wand", !tools.wand.isThere);
+    const own = list.filter((p) => selected.has(p.id));
     const pressed = Object.entries({
-      add: this.tools.modes.isAdding,
-      select: this.tools.modes.isSelecting,
-      compare: this.picture.isComparing,
+      add: tools.modes.isAdding,
+      select: tools.modes.isSelecting,
+      compare: picture.isComparing,
       cut: tool === "cut",
       part: tool === "part",
       fixed: tool === "fixed",
-      move: brush.tool === "move",
-      grow: brush.tool === "grow",
-      mirror: pointTools.mirror.state.on,
-      snap: pointTools.snap.step > 0,
+      move: tools.brush.tool === "move",
+      grow: tools.brush.tool === "grow",
+      mirror: tools.points.mirror.state.on,
+      snap: tools.points.snap.step > 0,
       stop: model.get("stop_at_folds"),
-      window: this.tools.window.isOn,
-      wand: this.tools.wand.isOn,
+      window: tools.window.isOn,
+      wand: tools.wand.isOn,
       lock: own.length > 0 && own.every((p) => p.locked),
       grid: model.get("show_grid"),
       radius: model.get("show_radius"),
-      help: this.panels.help.isOpen,
+      help: panels.help.isOpen,
     });
-    this.panels.toolbar.update({
-      count: points.length,
+    panels.toolbar.update({
+      count: list.length,
       selected: isShape ? 1 : selected.size,
       pointsSelected: selected.size,
-      turns: isShape && shapeTools.choice.canTurn,
+      turns: isShape && choice.canTurn,
       past: sender.canStep("undo"),
       future: sender.canStep("redo"),
       steps: model.get("history") ?? {},
       pressed: pressed.filter(([, is]) => is).map(([name]) => name),
-      readOnly: this.points.isLocked,
+      readOnly: points.isLocked,
     });
   }
 }
