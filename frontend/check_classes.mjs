@@ -12,9 +12,7 @@ const MOST_METHODS = 30,
 
 // What is larger: these figures only fall.
 const LARGE_CLASSES = {
-  "inputs/curve_plot.ts:CurvePlot": [35, 19],
   "inputs/player.ts:PlayerView": [17, 21],
-  "inputs/transfer_editor.ts:TransferEditorView": [38, 21],
   "sync/edits.ts:Sender": [31, 22],
   "view/render_loop.ts:FrameLoop": [27, 29],
   "view/space_points.ts:SpacePoints": [28, 22],
@@ -31,10 +29,7 @@ const LARGE_INTERFACES = {
 
 // Parts that are given their owner: none is added.
 const GIVEN_OWNERS = {
-  ColorStops: "TransferEditorView",
   MoreMenu: "Toolbar",
-  PresetButtons: "TransferEditorView",
-  WindowBar: "TransferEditorView",
 };
 
 function* nodesOf(node) {

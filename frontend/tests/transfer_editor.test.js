@@ -2,16 +2,8 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import {
-  addStop,
-  colorAt,
-  hexOf,
-  moveStop,
-  moveWindow,
-  panAxis,
-  rgbOf,
-  zoomAxis,
-} from "../src/inputs/transfer_editor.ts";
+import { addStop, colorAt, hexOf, moveStop, moveWindow, rgbOf } from "../src/inputs/transfer_rows.ts";
+import { panAxis, zoomAxis } from "../src/inputs/value_axes.ts";
 
 test("the ends of a window keep apart and within limits", () => {
   for (const [part, by, wanted] of [

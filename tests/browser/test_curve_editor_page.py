@@ -53,7 +53,7 @@ class Drawn(LivePage):
         """CSS pixels of the window for a place (x, y) of the plot, or a depth of the bar."""
         box = self.page.locator(".dnb-cv-svg").first.bounding_box()
         x, y = (
-            self.js(f"w.toPixel({json.dumps(place)})")
+            self.js(f"w.axes.toPixel({json.dumps(place)})")
             if isinstance(place, tuple | list)
             else (self.js(f"w.toPixel({place})"), 42)
         )
@@ -337,10 +337,10 @@ def test_lines_are_rounded_by_a_button(drawn: Any) -> None:
 
 def test_a_curve_beyond_the_range_makes_the_plot_grow(drawn: Any) -> None:
     page = drawn(CurveEditor("4*z"))
-    assert page.js("w.view[1]") == [-1, 4]
+    assert page.js("w.axes.ends[1]") == [-1, 4]
     page.widget.range = (-8.0, 2.0)
     page.wait_settled()
-    assert page.js("w.view[1]") == [-8, 4]
+    assert page.js("w.axes.ends[1]") == [-8, 4]
 
 
 # ---- Python and other views ------------------------------------------------------------------------------------------
@@ -388,7 +388,7 @@ def test_what_is_read_only_cannot_be_changed(drawn: Any, kind: str) -> None:
     page.key("ArrowLeft", "Delete", "a", "Enter")
     for button in page.page.locator(".dnb-cv-button").all():
         button.click(force=True)
-    page.page.mouse.dblclick(*page.at(0.3 if kind == "keys" else (page.js("w.view[0][1]") * 0.3, 0.9)))
+    page.page.mouse.dblclick(*page.at(0.3 if kind == "keys" else (page.js("w.axes.ends[0][1]") * 0.3, 0.9)))
     page.wait_settled()
     assert page.sent("edit") == []
 
@@ -458,7 +458,7 @@ def test_bars_and_colours_are_where_the_values_are(drawn: Any) -> None:
         x, y = page.at((value, 0))
         return ink[round(y - up), round(x)]
 
-    height = page.js("w.box.height")
+    height = page.js("w.axes.box.height")
     paper = seen(75, 0.5 * height)
     assert (seen(150, 0.9 * height) < paper - 15).all()  # half the voxels: as high as the air
     assert (seen(152, 0.9 * height) == paper).all()

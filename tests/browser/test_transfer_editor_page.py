@@ -50,7 +50,7 @@ class Drawn(LivePage):
     def at(self, value: float, below: float = 0.0) -> tuple[float, float]:
         """CSS pixels of the window for a value, so far below the floor of the plot."""
         box = self.page.locator(".dnb-cv-svg").bounding_box()
-        x, y = self.js(f"w.toPixel([{value}, 0])")
+        x, y = self.js(f"w.axes.toPixel([{value}, 0])")
         return box["x"] + x, box["y"] + y + below
 
     def middle(self, selector: str) -> tuple[float, float]:
@@ -73,7 +73,7 @@ class Drawn(LivePage):
 
     def per_pixel(self) -> float:
         """How much of the values a pixel is."""
-        return self.js("(w.view[0][1] - w.view[0][0]) / w.box.width")  # type: ignore[no-any-return]
+        return self.js("(w.axes.ends[0][1] - w.axes.ends[0][0]) / w.axes.box.width")  # type: ignore[no-any-return]
 
     def chosen(self) -> list[str]:
         """The presets that are marked."""
@@ -176,7 +176,7 @@ def test_stops_are_reached_moved_added_and_removed_by_keys(drawn: Any) -> None:
     page.key("Tab", "Tab")
     assert page.js("document.activeElement.getAttribute('aria-label')") == "colour 2 of 3"
     page.key("ArrowRight", "Shift+ArrowRight", "ArrowLeft")
-    step = page.per_pixel() * page.js("w.box.width") / 200
+    step = page.per_pixel() * page.js("w.axes.box.width") / 200
     assert page.widget.transfer.colors[1][0] == pytest.approx(100 + 10 * step)
     page.key("a")
     assert len(page.widget.transfer.colors) == 4
@@ -319,7 +319,7 @@ def test_the_values_are_zoomed_by_buttons_and_a_node_is_dragged_finely(drawn: An
     for _ in range(3):
         page.page.get_by_label("Zoom into").click()
     page.wait_settled()
-    assert page.js("w.view[0][1] - w.view[0][0]") == pytest.approx(199 / 8)
+    assert page.js("w.axes.ends[0][1] - w.axes.ends[0][0]") == pytest.approx(199 / 8)
     assert page.at(120) == pytest.approx(before, abs=0.01)  # about the chosen node
     assert page.page.locator(".dnb-cv-node:visible").count() == 1
     x, y = page.middle("[data-node='2'] .dnb-cv-dot")
@@ -332,7 +332,7 @@ def test_the_values_are_zoomed_by_buttons_and_a_node_is_dragged_finely(drawn: An
     assert page.per_pixel() < 0.06
     page.page.get_by_label("Show all").click()
     page.wait_settled()
-    assert page.js("w.view[0]") == [0, 199]
+    assert page.js("w.axes.ends[0]") == [0, 199]
     assert page.page.locator(".dnb-cv-node:visible").count() == 4
 
 
@@ -342,23 +342,23 @@ def test_the_wheel_zooms_once_someone_works_here_and_else_scrolls(drawn: Any) ->
     page.page.mouse.move(*page.at(150, -40))
     page.page.mouse.wheel(0, 100)
     page.wait("window.scrollY > 50")
-    assert page.js("w.zoom") is None
+    assert page.js("w.axes.zoom") is None
     page.page.evaluate("window.scrollTo(0, 0)")
     page.wait("window.scrollY === 0")
     page.page.locator(".dnb-cv-node").nth(1).focus()
     x, y = page.at(150, -40)
     page.page.mouse.move(x, y)
     page.page.mouse.wheel(0, -400)
-    page.wait("document.querySelector('.dnb-curves').deformnb.zoom")
+    page.wait("document.querySelector('.dnb-curves').deformnb.axes.zoom")
     page.wait_settled()
     assert page.at(150)[0] == pytest.approx(x, abs=1)  # about the pointer
     assert page.page.evaluate("window.scrollY") == 0
-    low = page.js("w.view[0][0]")
+    low = page.js("w.axes.ends[0][0]")
     page.page.mouse.down()
     page.page.mouse.move(x + 50, y, steps=3)
     page.page.mouse.up()
     page.wait_settled()
-    assert page.js("w.view[0][0]") == pytest.approx(low - 50 * page.per_pixel(), abs=0.01)  # drawn along
+    assert page.js("w.axes.ends[0][0]") == pytest.approx(low - 50 * page.per_pixel(), abs=0.01)  # drawn along
     assert page.heard == []
 
 
@@ -366,15 +366,15 @@ def test_the_window_fills_the_plot_on_demand_and_keys_go_back(drawn: Any) -> Non
     page = drawn(FUNCTION.windowed(100, 110))
     page.page.mouse.dblclick(*page.end("level"))
     page.wait_settled()
-    assert page.js("w.view[0]") == [pytest.approx(99), pytest.approx(111)]
+    assert page.js("w.axes.ends[0]") == [pytest.approx(99), pytest.approx(111)]
     assert page.page.locator(".dnb-cv-node:visible").count() == 4
     page.page.locator("[data-stop='1']").focus()
     page.key("0")
-    assert page.js("w.zoom") is None
+    assert page.js("w.axes.zoom") is None
     page.key("+")
-    assert page.js("w.view[0][1] - w.view[0][0]") == pytest.approx(99.5)
+    assert page.js("w.axes.ends[0][1] - w.axes.ends[0][0]") == pytest.approx(99.5)
     page.key("-")
-    assert page.js("w.zoom") is None
+    assert page.js("w.axes.zoom") is None
     assert page.widget.transfer == FUNCTION.windowed(100, 110)
 
 
@@ -386,11 +386,11 @@ def test_bars_that_are_finer_than_a_pixel_are_seen_apart_when_zoomed(browser: An
     assert len(page.widget.histogram["heights"]) > 900
 
     def bars() -> int:
-        return page.js("w.bars.getAttribute('d').split('H').length - 2")  # type: ignore[no-any-return]
+        return page.js("w.background.bars.getAttribute('d').split('H').length - 2")  # type: ignore[no-any-return]
 
-    assert bars() < page.js("w.box.width") / 1.5 + 1
+    assert bars() < page.js("w.axes.box.width") / 1.5 + 1
     high = page.page.locator(".dnb-cv-bars").bounding_box()["height"]
-    page.js("w.zoomTo([2300, 2500])")
+    page.js("w.axes.zoomTo([2300, 2500])")
     page.wait_settled()
     assert bars() > 900
     ink = np.asarray(Image.open(io.BytesIO(page.page.screenshot())).convert("RGB")).astype(int)
@@ -405,12 +405,12 @@ def test_bars_that_are_finer_than_a_pixel_are_seen_apart_when_zoomed(browser: An
 
 def test_what_an_arrow_key_takes_beyond_the_edge_is_seen_again(drawn: Any) -> None:
     page = drawn()
-    page.js("w.zoomTo([118, 122])")
+    page.js("w.axes.zoomTo([118, 122])")
     page.wait_settled()
     page.page.locator("[data-node='2']").focus()
     page.key(*["Shift+ArrowRight"] * 12)
     assert page.widget.transfer.opacities[2][0] == pytest.approx(122.4)
-    assert page.js("w.view[0]") == [pytest.approx(118.4), pytest.approx(122.4)]
+    assert page.js("w.axes.ends[0]") == [pytest.approx(118.4), pytest.approx(122.4)]
     assert page.js("document.activeElement.dataset.node") == "2"
 
 

@@ -38,7 +38,7 @@ def test_no_two_constants_share_a_name() -> None:
 OTHERS = {
     ("ui/orientation_cube.ts", "FLAT"),  # a side of the cube that is seen from in front
     ("webgl/raycaster.ts", "FINEST"),  # a power of two
-    ("inputs/transfer_editor.ts", "FINEST"),  # a step of the axis
+    ("inputs/value_axes.ts", "FINEST"),  # a step of the axis
 }
 
 

@@ -1,7 +1,7 @@
 // The elements of an editor: the box with its pictures, and the layers over them.
 
 import type { Vector2 } from "../types.ts";
-import { isWorkedIn, OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.ts";
+import { isWorkedIn, OWN_KEYS, pageElement, placeIn, setText, svgElement } from "../ui/dom.ts";
 
 /** The box of an editor, over which it shows a busy message. */
 export abstract class EditorRoot {
@@ -65,7 +65,6 @@ export class Stage extends EditorRoot {
 
   /** The place of a pointer in CSS pixels of the view. */
   placeOf(event: MouseEvent): Vector2 {
-    const box = this.element.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
+    return placeIn(this.element, event);
   }
 }

@@ -151,7 +151,11 @@ export interface DragHandler<T> {
  * Listen to presses that become drags, with the mouse, a pen or a finger. Returns a function that cancels the drag and
  * returns whether there was one.
  */
-export function listenToDrags<T>(view: InputView, target: Element, handler: DragHandler<T>) {
+export function listenToDrags<T>(
+  view: Pick<InputView, "isReadOnly" | "listen">,
+  target: Element,
+  handler: DragHandler<T>,
+) {
   let held: { grabbed: T; pointer: number; from: Vector2; isPress: boolean } | null = null;
   const drop = (isCancelled: boolean) => {
     if (!held) return;

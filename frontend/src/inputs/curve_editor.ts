@@ -7,6 +7,20 @@ import type { Model, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 import { widgetOf } from "../ui/widget.ts";
 import { CurvePlot } from "./curve_plot.ts";
+import { PlotAxes } from "./plot_axes.ts";
+
+/** The axis of depths, and heights at which places snap to 0 and 1. */
+class DepthAxes extends PlotAxes {
+  override snaps = [0, 1];
+
+  override placeTicks() {
+    return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks();
+  }
+
+  override endWords(): [string, string] {
+    return ["0 front", "back 1"];
+  }
+}
 
 class CurveEditorView extends CurvePlot {
   chooser: HTMLSelectElement;
@@ -18,8 +32,7 @@ class CurveEditorView extends CurvePlot {
   sent: string | undefined = undefined;
 
   constructor(model: Model, el: HTMLElement) {
-    super(model, el, "dnb-curve-editor");
-    this.snaps = [0, 1];
+    super(model, el, "dnb-curve-editor", new DepthAxes());
     this.chooser = pageElement("select", "dnb-cv-select", this.bar, { "aria-label": "Ready-made curves", ...OWN_KEYS });
     pageElement("option", "", this.chooser, { value: "" }, "Own curve");
     for (const [name, formula] of Object.entries<string>(this.model.get("presets") ?? {})) {
@@ -65,7 +78,7 @@ class CurveEditorView extends CurvePlot {
     this.samples = shown.samples.length ? shown.samples : null;
     this.isSmooth = shown.smooth;
     this.named = shown.formula ?? "";
-    this.view = this.axes();
+    this.axes.ends = this.ends();
   }
 
   toggleSmooth() {
@@ -118,24 +131,16 @@ class CurveEditorView extends CurvePlot {
   // ---- the plot -----------------------------------------------------------------------------------------------------
 
   rules(): NodeRules {
-    return { x: [0, 1], y: this.view[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 };
+    return { x: [0, 1], y: this.axes.ends[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 };
   }
 
-  axes(): [Vector2, Vector2] {
+  ends(): [Vector2, Vector2] {
     const [low, high] = this.model.get("range");
     const seen = [...(this.samples ?? []), ...this.nodes.map((node) => node[1])];
     return [
       [0, 1],
       [Math.min(low, ...seen), Math.max(high, ...seen)],
     ];
-  }
-
-  placeTicks(low: number, high: number) {
-    return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks(low, high);
-  }
-
-  endWords(): [string, string] {
-    return ["0 front", "back 1"];
   }
 
   words(k: number) {

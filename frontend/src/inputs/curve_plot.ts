@@ -1,15 +1,14 @@
 // A plot with a curve through nodes that are dragged, added and removed. A widget extends it and defines its axes:
-// rules() as in maths/curves.js, axes() with the ends of both, the power of the vertical axis, and the texts.
+// rules() as in maths/curves.js, ends() of both, and the texts.
 
 import type { Node, NodeRules } from "../maths/curves.ts";
-import { addNode, curveOfSamples, curveThrough, formatNumber, moveNode, removeNode, ticksOf } from "../maths/curves.ts";
+import { addNode, curveOfSamples, curveThrough, moveNode, removeNode } from "../maths/curves.ts";
 import type { Model, Vector2 } from "../types.ts";
-import { pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
+import { pageElement, placeIn, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import { markElement, NodesView } from "./nodes_view.ts";
+import type { PlotAxes } from "./plot_axes.ts";
 
-export const PLOT = { left: 46, right: 12, top: 10, bottom: 22 };
 const TOUCH_RADIUS = 13;
-const SNAP = 5; // CSS pixels
 /** A drag of a node. */
 export interface NodeDrag {
   k: number;
@@ -23,12 +22,10 @@ export interface NodeDrag {
 /** A drag of the plot itself, which had these ends. */
 export type PlotDrag = { pan: Vector2 };
 
-export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
-  status: HTMLDivElement;
+export class CurvePlot<Axes extends PlotAxes = PlotAxes> extends NodesView<NodeDrag | PlotDrag> {
   facts: HTMLSpanElement;
   note: HTMLSpanElement;
   backLayer: SVGGElement;
-  axesLayer: SVGGElement;
   curveLayer: SVGGElement;
   frontLayer: SVGGElement;
   line: SVGPathElement;
@@ -40,31 +37,28 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
   named = ""; // the preset or formula that made the curve
   isSmooth = false;
   chosen = 0;
-  power = 1;
-  snaps: number[] = [];
-  margins = PLOT;
-  box = { left: 0, top: 0, width: 0, height: 0 }; // of the plot, in pixels
-  /** The ends of the axes */
-  view: [Vector2, Vector2] = [
-    [0, 1],
-    [0, 1],
-  ];
+  #axesLayer: SVGGElement;
 
-  constructor(model: Model, el: HTMLElement, name: string) {
+  constructor(
+    model: Model,
+    el: HTMLElement,
+    name: string,
+    readonly axes: Axes,
+  ) {
     super(model, el, name, "data-node", [
       "Add a node after the chosen one (A, or double click)",
       "Remove the chosen node (Del, or right click)",
     ]);
-    this.status = pageElement("div", "dnb-cv-status", this.root);
-    this.facts = pageElement("span", "dnb-cv-facts", this.status);
-    this.note = pageElement("span", "dnb-cv-note", this.status);
+    const status = pageElement("div", "dnb-cv-status", this.root);
+    this.facts = pageElement("span", "dnb-cv-facts", status);
+    this.note = pageElement("span", "dnb-cv-note", status);
     this.root.append(this.alert);
     const makeLayer = (layer: string) => svgElement("g", { class: `dnb-cv-${layer}` }, this.svg);
     this.backLayer = makeLayer("back");
-    this.axesLayer = makeLayer("axes");
+    this.#axesLayer = makeLayer("axes");
     this.curveLayer = makeLayer("curve");
     this.frontLayer = makeLayer("front");
-    for (const layer of [this.backLayer, this.axesLayer, this.curveLayer]) layer.setAttribute("aria-hidden", "true");
+    for (const layer of [this.backLayer, this.#axesLayer, this.curveLayer]) layer.setAttribute("aria-hidden", "true");
     this.line = svgElement("path", { class: "dnb-cv-line" }, this.curveLayer);
     this.pair = pageElement("span", "dnb-cv-pair", null, {}, this.adder, this.remover); // for the bar
   }
@@ -77,7 +71,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
   }
 
   /** The ends of the axes when nothing is dragged. */
-  axes(): [Vector2, Vector2] {
+  ends(): [Vector2, Vector2] {
     const { x, y } = this.rules();
     return [x, y];
   }
@@ -93,44 +87,6 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
 
   removeChosen() {
     this.remove(this.chosen);
-  }
-
-  // ---- places -------------------------------------------------------------------------------------------------------
-
-  toPixel([x, y]: Vector2): Vector2 {
-    const {
-        box: b,
-        view: [[x0, x1], [y0, y1]],
-      } = this,
-      height = Math.max(0, Math.min(1, (y - y0) / (y1 - y0)));
-    return [b.left + ((x - x0) / (x1 - x0)) * b.width, b.top + (1 - height ** this.power) * b.height];
-  }
-
-  toPlace([px, py]: Vector2): Vector2 {
-    const {
-        box: b,
-        view: [[x0, x1], [y0, y1]],
-      } = this,
-      height = Math.max(0, Math.min(1, 1 - (py - b.top) / b.height));
-    return [x0 + ((px - b.left) / b.width) * (x1 - x0), y0 + height ** (1 / this.power) * (y1 - y0)];
-  }
-
-  /**
-   * A place with as many digits as can be distinguished, at one of the snapping heights if it is near.
-   * @param isFree whether nothing snaps
-   */
-  tidy([x, y]: Vector2, isFree: boolean = false): Vector2 {
-    const [, py] = this.toPixel([x, y]);
-    const near = isFree ? undefined : this.snaps.find((value) => Math.abs(this.toPixel([x, value])[1] - py) < SNAP);
-    const [[x0, x1], [y0, y1]] = this.view;
-    const digits = (range: number) => Math.max(0, Math.min(12, 3 - Math.floor(Math.log10(range))));
-    const rounded = this.power === 1 ? y.toFixed(digits(y1 - y0)) : y < 5e-6 ? 0 : y.toPrecision(3);
-    return [Number(x.toFixed(digits(x1 - x0))), near ?? Number(rounded)];
-  }
-
-  pointOf(event: MouseEvent): Vector2 {
-    const box = this.svg.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
   }
 
   curve() {
@@ -151,7 +107,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
   commit() {
     this.isHeld = false;
     this.nudged = null;
-    this.view = this.axes();
+    this.axes.ends = this.ends();
     this.end(this.value());
     this.invalidate();
   }
@@ -165,13 +121,13 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
     this.isHeld = true;
     this.invalidate();
     const { nodes, samples, named } = this;
-    return { k, from: this.toPixel(nodes[k]!), before: { nodes, samples, named }, isFree: event.altKey };
+    return { k, from: this.axes.toPixel(nodes[k]!), before: { nodes, samples, named }, isFree: event.altKey };
   }
 
   drag(grabbed: NodeDrag | PlotDrag, [dx, dy]: Vector2) {
     if ("pan" in grabbed) return;
     const { k, from, before, isFree } = grabbed;
-    const place = this.tidy(this.toPlace([from[0] + dx, from[1] + dy]), isFree);
+    const place = this.axes.tidy(this.axes.toPlace([from[0] + dx, from[1] + dy]), isFree);
     this.show(moveNode(before.nodes, k, place, this.rules()), k);
     this.move(this.value());
   }
@@ -198,11 +154,11 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
   nudge(k: number, [dx, dy]: Vector2, isFar: boolean) {
     const { step } = this.rules(),
       times = isFar ? 10 : 1,
-      [[x0, x1]] = this.view,
+      [[x0, x1]] = this.axes.ends,
       [x, y] = this.nodes[k]!;
-    const [px, py] = this.toPixel([x, y]),
-      moved = this.toPlace([px, py - (dy * times * this.box.height) / 100]);
-    const place: Vector2 = dy ? this.tidy([x, moved[1]], true) : [x + dx * times * (step || (x1 - x0) / 200), y];
+    const [px, py] = this.axes.toPixel([x, y]),
+      moved = this.axes.toPlace([px, py - (dy * times * this.axes.box.height) / 100]);
+    const place: Vector2 = dy ? this.axes.tidy([x, moved[1]], true) : [x + dx * times * (step || (x1 - x0) / 200), y];
     this.nudged ??= k;
     this.isHeld = true;
     this.show(moveNode(this.nodes, k, place, this.rules()), k);
@@ -232,7 +188,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
   addAfter(k: number) {
     const from = Math.max(0, Math.min(this.nodes.length - 2, k));
     const x = (this.nodes[from]![0] + this.nodes[from + 1]![0]) / 2;
-    this.add([x, this.tidy([x, this.curve()(x)], true)[1]]);
+    this.add([x, this.axes.tidy([x, this.curve()(x)], true)[1]]);
   }
 
   remove(k: number) {
@@ -254,26 +210,24 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
   }
 
   addAt(event: MouseEvent) {
-    this.add(this.tidy(this.toPlace(this.pointOf(event)), event.altKey));
+    this.add(this.axes.tidy(this.axes.toPlace(placeIn(this.svg, event)), event.altKey));
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   draw() {
+    const { axes } = this;
     if (!this.nodes.length) return;
-    if (!this.isHeld) this.view = this.axes();
+    if (!this.isHeld) axes.ends = this.ends();
     const least = this.model.get("height") || 150,
       width = Math.max(160, this.stage.clientWidth || 360);
-    const { left, right, top, bottom } = this.margins,
-      label = this.model.get("label") || "Curve";
-    const high = Math.round(Math.max(least, Math.min(1.7 * least, 0.3 * width))),
-      height = high + bottom - PLOT.bottom;
-    this.box = { left, top, width: width - left - right, height: height - top - bottom };
+    const label = this.model.get("label") || "Curve",
+      height = axes.resize(width, least);
     setAttributes(this.svg, { viewBox: `0 0 ${width} ${height}`, height, "aria-label": `${label}. ${this.help()}` });
     this.bar.setAttribute("aria-label", label);
     this.root.classList.toggle("dnb-cv-read-only", this.isReadOnly);
     this.root.classList.toggle("dnb-cv-sampled", this.samples !== null);
-    this.drawAxes();
+    axes.draw(this.#axesLayer);
     this.drawBack();
     this.line.setAttribute("d", pathOf(this.outline()));
     this.drawNodes();
@@ -289,78 +243,32 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
 
   /** The curve in pixels, from edge to edge. */
   outline() {
-    const [[x0, x1]] = this.view,
+    const [[x0, x1]] = this.axes.ends,
       curve = this.curve(),
       { nodes } = this;
-    const at = (x: number) => this.toPixel([x, curve(x)]);
+    const at = (x: number) => this.axes.toPixel([x, curve(x)]);
     /** Its visible part. */
     const between = (from: number, to: number) => {
       const a = Math.max(from, x0),
         b = Math.min(to, x1);
       if (!(b > a)) return [];
-      const parts = Math.max(1, Math.ceil((((b - a) / (x1 - x0)) * this.box.width) / 2));
+      const parts = Math.max(1, Math.ceil((((b - a) / (x1 - x0)) * this.axes.box.width) / 2));
       const inner = Array.from({ length: parts - 1 }, (_, k) => at(a + ((b - a) * (k + 1)) / parts));
       return [...(a > from ? [at(a)] : []), ...inner, ...(b < to ? [at(b)] : [])];
     };
     if (this.samples) return [at(x0), ...between(x0, x1), at(x1)];
-    const found = [this.toPixel([x0, nodes[0]![1]])];
+    const found = [this.axes.toPixel([x0, nodes[0]![1]])];
     nodes.forEach((node, k) => {
-      found.push(this.toPixel(node));
+      found.push(this.axes.toPixel(node));
       if (k + 1 < nodes.length) found.push(...between(node[0], nodes[k + 1]![0]));
     });
-    found.push(this.toPixel([x1, nodes[nodes.length - 1]![1]]));
+    found.push(this.axes.toPixel([x1, nodes[nodes.length - 1]![1]]));
     return found;
-  }
-
-  drawAxes() {
-    const { left, top, width, height } = this.box,
-      [[x0, x1], [y0, y1]] = this.view,
-      layer = this.axesLayer;
-    layer.replaceChildren();
-    svgElement("rect", { class: "dnb-cv-frame", x: left, y: top, width, height }, layer);
-    for (const y of this.ticks(y0, y1)) {
-      const py = this.toPixel([x0, y])[1];
-      const name = this.snaps.includes(y) ? "dnb-cv-strong" : "dnb-cv-grid";
-      svgElement("path", { class: name, d: `M${left} ${py}h${width}` }, layer);
-      this.write(left - 11, py + 4, this.tickText(y), "end");
-    }
-    const [first, last] = this.endWords();
-    this.write(left, top + height + 16, first, "start");
-    this.write(left + width, top + height + 16, last, "end");
-    const taken = 6.5 * Math.max(first.length, last.length) + 22;
-    for (const x of this.placeTicks(x0, x1)) {
-      const px = this.toPixel([x, y0])[0];
-      svgElement("path", { class: "dnb-cv-tick", d: `M${px} ${top + height}v3` }, layer);
-      const hasRoom = px > left + taken && px < left + width - taken;
-      if (hasRoom) this.write(px, top + height + 16, formatNumber(x, x1 - x0), "middle");
-    }
-  }
-
-  // Texts at the ends of the horizontal axis.
-  endWords(): [string, string] {
-    const [[x0, x1]] = this.view;
-    return [formatNumber(x0, x1 - x0), formatNumber(x1, x1 - x0)];
   }
 
   /** The place of a node in words. */
   words(k: number) {
     return this.nodes[k]!.join(", ");
-  }
-
-  tickText(y: number) {
-    return formatNumber(y, this.view[1][1] - this.view[1][0]);
-  }
-
-  placeTicks(low: number, high: number): number[] {
-    return ticksOf(low, high, this.box.width / 70);
-  }
-
-  ticks(low: number, high: number): number[] {
-    return ticksOf(low, high, Math.max(2.5, this.box.height / 30));
-  }
-
-  write(x: number, y: number, text: string, anchor: string) {
-    svgElement("text", { class: "dnb-cv-text", x, y, "text-anchor": anchor }, this.axesLayer, text);
   }
 
   makeMark(k: number) {
@@ -374,10 +282,10 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
 
   drawNodes() {
     this.countMarks(this.nodes.length);
-    const [, [y0, y1]] = this.view;
+    const [, [y0, y1]] = this.axes.ends;
     this.chosen = Math.min(this.chosen, this.nodes.length - 1);
     this.nodes.forEach((node, k) => {
-      const [x, y] = this.toPixel(node);
+      const [x, y] = this.axes.toPixel(node);
       setAttributes(this.marks[k]!, {
         transform: `translate(${x.toFixed(2)} ${y.toFixed(2)})`,
         tabindex: 0,

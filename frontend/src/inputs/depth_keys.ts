@@ -3,7 +3,7 @@
 import { MOST_KEYS } from "../generated.ts";
 import type { Model, Vector2 } from "../types.ts";
 
-import { pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
+import { pageElement, placeIn, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import { widgetOf } from "../ui/widget.ts";
 import { markElement, NodesView } from "./nodes_view.ts";
 
@@ -48,7 +48,7 @@ class DepthKeysView extends NodesView<KeyDrag> {
   }
 
   depthOf(event: MouseEvent) {
-    return (event.clientX - this.svg.getBoundingClientRect().left - BAR.left) / this.span;
+    return (placeIn(this.svg, event)[0] - BAR.left) / this.span;
   }
 
   get apart(): number {

@@ -106,6 +106,12 @@ export function treeOf(node: Node) {
   return node.getRootNode() as unknown as Tree;
 }
 
+/** The place of an event in an element, in CSS pixels. */
+export function placeIn(element: Element, event: MouseEvent): Vector2 {
+  const { left, top } = element.getBoundingClientRect();
+  return [event.clientX - left, event.clientY - top];
+}
+
 /** The element to which an event was sent. */
 export function targetOf(event: Event) {
   return event.target as Element;

@@ -299,7 +299,7 @@ def test_the_page_stretches_a_window_as_python_does() -> None:
     main = """({ nodes, stops, to }) => { const from = windowOf(nodes, stops);
         return [from, ...[nodes, stops].map((rows) => rows.map(([v]) => stretchValue(v, from, to)))]; }"""
     window, nodes, stops = run_script(
-        ("inputs/transfer_editor.ts",),
+        ("inputs/transfer_rows.ts",),
         main,
         {"nodes": function.opacities, "stops": function.colors, "to": [-12.5, 31.7]},
     )
