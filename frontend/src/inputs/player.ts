@@ -9,8 +9,9 @@
 // A view sets the traits time, is_playing, speed and loop: a few times a second while it plays, and exactly at rest.
 
 import { busOf, holdBus, releaseBus } from "../sync/bus.ts";
+import { setTrait } from "../sync/edits.ts";
 import type { Bus, Model, TimeDetail } from "../types.ts";
-import { iconElement, OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
+import { iconElement, OWN_KEYS, pageElement, placeIn, setAttributes, setText } from "../ui/dom.ts";
 import { widgetOf } from "../ui/widget.ts";
 import { InputView } from "./base.ts";
 
@@ -28,8 +29,8 @@ export class PlayClock {
   frame = 0;
   /** The time of the last tick */
   last: number | null = null;
-  /** The one view that sends the time to Python */
-  leader: PlayerView | null = null;
+  /** The one that sends the time to Python, of those of all views */
+  sender: TimeSender | null = null;
 
   /** @param publish called at every change */
   constructor(
@@ -114,6 +115,56 @@ function clockOf(bus: Bus) {
   return bus.clock;
 }
 
+/** The time of a clock as a trait of one view's model: sent at once at rest, else a few times a second. */
+class TimeSender {
+  #timer = 0;
+  #sentAt = -Infinity; // milliseconds
+  /** The time that Python got last */
+  #last: number | undefined = undefined;
+
+  constructor(
+    readonly model: Model,
+    readonly clock: PlayClock,
+    readonly guard: (action: () => void) => void,
+  ) {
+    clock.sender ??= this;
+    if (clock.sender === this && !clock.isPlaying) clock.position = model.get("time");
+  }
+
+  close() {
+    clearTimeout(this.#timer);
+    if (this.clock.sender === this) this.clock.sender = null;
+  }
+
+  /** Take the time of Python. */
+  receive() {
+    const time = this.model.get("time");
+    if (time !== this.#last) this.clock.seek(time);
+  }
+
+  send(isAtRest: boolean) {
+    const { clock, model } = this;
+    clock.sender ??= this;
+    if (clock.sender !== this) return;
+    const { time, isPlaying } = clock,
+      now = performance.now(),
+      pause = model.get("sync_ms");
+    clearTimeout(this.#timer);
+    if (!isAtRest && now - this.#sentAt < pause) {
+      this.#timer = setTimeout(() => this.guard(() => this.send(true)), pause - (now - this.#sentAt));
+      return;
+    }
+    const isNew = time !== model.get("time"),
+      isTurned = isPlaying !== Boolean(model.get("is_playing"));
+    if (!isNew && !isTurned) return;
+    this.#sentAt = now;
+    this.#last = time;
+    if (isNew) model.set("time", time);
+    if (isTurned) model.set("is_playing", isPlaying);
+    model.save_changes();
+  }
+}
+
 // ---- the widget -----------------------------------------------------------------------------------------------------
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
@@ -124,95 +175,171 @@ const PLAYER_ICONS = {
   pause: "M5 3v10M11 3v10",
   last: "M12 3v10M3.5 3.5v9L10 8z",
 };
+/** Of a drag along the bar. */
+type Phase = "start" | "move" | "end";
+
 const KEY_NEAR = 1e-6; // seconds
+
+/** The bar of the time, with the key frames. */
+class Track {
+  #element: HTMLDivElement;
+  #rail: HTMLDivElement;
+  #marks: HTMLDivElement;
+  #marked = ""; // the key frames that are drawn
+
+  /** @param scrub called with the share of the bar that is pressed */
+  constructor(parent: HTMLElement, view: Pick<InputView, "listen">, scrub: (share: number, phase: Phase) => void) {
+    const attributes = { role: "slider", tabindex: 0, "aria-valuemin": 0, ...OWN_KEYS };
+    this.#element = pageElement("div", "dnb-pl-track", parent, attributes);
+    this.#rail = pageElement("div", "dnb-pl-rail", this.#element);
+    pageElement("div", "dnb-pl-done", this.#rail);
+    this.#marks = pageElement("div", "dnb-pl-marks", this.#rail, { "aria-hidden": "true" });
+    pageElement("div", "dnb-pl-knob", this.#rail);
+    this.#listen(view, scrub);
+  }
+
+  /** Listen to presses and drags along the bar, with the mouse, a pen or a finger. */
+  #listen(view: Pick<InputView, "listen">, scrub: (share: number, phase: Phase) => void) {
+    const track = this.#element;
+    let pointer: number | null = null;
+    const share = (event: PointerEvent) =>
+      Math.max(0, Math.min(1, placeIn(this.#rail, event)[0] / Math.max(1, this.#rail.getBoundingClientRect().width)));
+    view.listen(track, "pointerdown", (event) => {
+      if (pointer !== null || event.button !== 0) return;
+      pointer = event.pointerId;
+      track.setPointerCapture(event.pointerId);
+      track.focus({ preventScroll: true });
+      scrub(share(event), "start");
+    });
+    view.listen(track, "pointermove", (event) => {
+      if (event.pointerId === pointer) scrub(share(event), "move");
+    });
+    for (const name of ["pointerup", "pointercancel"] as const) {
+      view.listen(track, name, (event) => {
+        if (event.pointerId !== pointer) return;
+        pointer = null;
+        scrub(share(event), "end");
+      });
+    }
+  }
+
+  /** The share of the bar that six pixels are. */
+  get reach() {
+    return 6 / Math.max(1, this.#rail.clientWidth);
+  }
+
+  draw(label: string, keys: number[], { time, duration }: { time: number; duration: number }) {
+    this.#rail.style.setProperty("--share", String(duration > 0 ? time / duration : 0));
+    setAttributes(this.#element, {
+      "aria-label": `${label}, time`,
+      "aria-valuemax": duration,
+      "aria-valuenow": Number(time.toFixed(3)),
+      "aria-valuetext": `${time.toFixed(2)} of ${duration.toFixed(2)} seconds`,
+    });
+    const marked = JSON.stringify([keys, duration]);
+    if (marked !== this.#marked) {
+      this.#marked = marked;
+      this.#marks.replaceChildren(
+        ...keys.map((t, k) => {
+          const title = `key frame ${k + 1} at ${Number(t.toFixed(3))} s`;
+          const mark = pageElement("span", "dnb-pl-mark", null, { title });
+          mark.style.setProperty("--at", String(duration > 0 ? t / duration : 0));
+          return mark;
+        }),
+      );
+    }
+    [...this.#marks.children].forEach((mark, k) => {
+      mark.classList.toggle("dnb-pl-here", Math.abs(keys[k]! - time) < 1e-3);
+    });
+  }
+}
+
+/** The menus of speeds and of what comes after the end. */
+class Choices {
+  #speed: HTMLSelectElement;
+  #loop: HTMLSelectElement;
+
+  /** @param set called with a trait and its value */
+  constructor(
+    parent: HTMLElement,
+    view: Pick<InputView, "listen">,
+    set: (name: "speed" | "loop", value: number | string) => void,
+  ) {
+    const box = pageElement("div", "dnb-pl-choices", parent);
+    const select = (label: string, chosen: (value: string) => void) => {
+      const made = pageElement("select", "dnb-cv-select", box, { "aria-label": label, title: label, ...OWN_KEYS });
+      view.listen(made, "change", () => chosen(made.value));
+      return made;
+    };
+    this.#speed = select("Speed", (value) => set("speed", Number(value)));
+    this.#loop = select("What comes after the end", (value) => set("loop", value));
+    this.#loop.replaceChildren(...Object.entries(LOOP_WORDS).map(([value, text]) => new Option(text, value)));
+  }
+
+  draw(speed: number, loop: string) {
+    const speeds = [...new Set([...SPEEDS, speed])].sort((a, b) => a - b);
+    if (this.#speed.dataset.all !== speeds.join()) {
+      this.#speed.dataset.all = speeds.join();
+      this.#speed.replaceChildren(...speeds.map((s) => new Option(`${s} \u00d7`, String(s))));
+    }
+    this.#speed.value = String(speed);
+    this.#loop.value = loop;
+  }
+}
 
 class PlayerView extends InputView {
   bus: Bus;
-  uid: string;
   clock: PlayClock;
-  back: HTMLButtonElement;
+  sender: TimeSender;
   play: HTMLButtonElement;
-  next: HTMLButtonElement;
-  track: HTMLDivElement;
-  rail: HTMLDivElement;
-  done: HTMLDivElement;
-  diamonds: HTMLDivElement;
-  knob: HTMLDivElement;
+  track: Track;
   read: HTMLSpanElement;
-  speed: HTMLSelectElement;
-  loop: HTMLSelectElement;
-  listener: (event: CustomEvent<TimeDetail>) => void;
+  choices: Choices;
 
-  later = 0; // a timer
-  sent = -Infinity; // milliseconds
-  /** The time that Python got last */
-  lastTime: number | undefined = undefined;
   isScrubbed = false;
   wasPlaying = false;
-  markedFor = ""; // the key frames that are drawn
+  #uid: string;
+  #listener = (event: CustomEvent<TimeDetail>) => this.guard(() => this.moved(event.detail));
 
   constructor(model: Model, el: HTMLElement) {
     super(model, el, "dnb-player");
     this.bus = busOf(model);
-    this.uid = model.get("uid");
+    this.#uid = model.get("uid");
     holdBus(this.bus);
     this.clock = clockOf(this.bus);
-    this.clock.leader ??= this;
+    this.sender = new TimeSender(model, this.clock, (action) => this.guard(action));
     const bar = pageElement("div", "dnb-pl-bar", this.root);
     const buttons = pageElement("div", "dnb-pl-buttons", bar);
     const icon = (name: keyof typeof PLAYER_ICONS, tip: string, act: () => void) =>
       this.iconButton(buttons, iconElement(PLAYER_ICONS[name]), tip, act, "dnb-pl-button");
-    this.back = icon("first", "Key frame before (Page up)", () => this.toKey(-1));
+    icon("first", "Key frame before (Page up)", () => this.toKey(-1));
     this.play = icon("play", "Play (Space)", () => this.toggle());
     this.play.classList.add("dnb-pl-play");
-    this.next = icon("last", "Next key frame (Page down)", () => this.toKey(1));
-    this.track = pageElement("div", "dnb-pl-track", bar, {
-      role: "slider",
-      tabindex: 0,
-      "aria-valuemin": 0,
-      ...OWN_KEYS,
-    });
-    this.rail = pageElement("div", "dnb-pl-rail", this.track);
-    this.done = pageElement("div", "dnb-pl-done", this.rail);
-    this.diamonds = pageElement("div", "dnb-pl-marks", this.rail, { "aria-hidden": "true" });
-    this.knob = pageElement("div", "dnb-pl-knob", this.rail);
+    icon("last", "Next key frame (Page down)", () => this.toKey(1));
+    this.track = new Track(bar, this, (share, phase) => this.scrubbed(share, phase));
     this.read = pageElement("span", "dnb-pl-time", bar);
-    const choices = pageElement("div", "dnb-pl-choices", bar);
-    this.speed = this.#select(choices, "Speed", (value) => this.#set("speed", Number(value)));
-    this.loop = this.#select(choices, "What comes after the end", (value) => this.#set("loop", value));
-    this.loop.replaceChildren(...Object.entries(LOOP_WORDS).map(([value, text]) => new Option(text, value)));
-    this.root.append(this.alert);
-    listenToScrub(this, this.track);
-    this.listener = (event: CustomEvent<TimeDetail>) => {
-      this.guard(() => this.moved(event.detail));
-    };
-    this.bus.addEventListener("deformnb:time", this.listener);
-    this.onChange(["duration", "speed", "loop"], () => this.#take());
-    this.on("change:time", () => {
-      if (model.get("time") !== this.lastTime) this.clock.seek(model.get("time"));
+    this.choices = new Choices(bar, this, (name, value) => {
+      setTrait(model, name, value);
+      this.#take();
     });
+    this.root.append(this.alert);
+    this.bus.addEventListener("deformnb:time", this.#listener);
+    this.onChange(["duration", "speed", "loop"], () => this.#take());
+    this.on("change:time", () => this.sender.receive());
     this.on("change:is_playing", () => this.#run());
     this.on("change:marks", () => this.invalidate());
     this.listen(this.root, "keydown", (event) => this.key(event));
-    if (this.clock.leader === this && !this.clock.isPlaying) this.clock.position = model.get("time");
     this.#take();
     this.start();
     this.#run();
   }
 
   close() {
-    this.bus.removeEventListener("deformnb:time", this.listener);
-    clearTimeout(this.later);
-    if (this.clock.leader === this) this.clock.leader = null;
-    releaseBus(this.bus, this.uid);
+    this.bus.removeEventListener("deformnb:time", this.#listener);
+    this.sender.close();
+    releaseBus(this.bus, this.#uid);
     if (this.bus.owners <= 0) this.clock.pause();
     super.close();
-  }
-
-  #select(parent: HTMLElement, label: string, chosen: (value: string) => void) {
-    const select = pageElement("select", "dnb-cv-select", parent, { "aria-label": label, title: label, ...OWN_KEYS });
-    this.listen(select, "change", () => chosen(select.value));
-    return select;
   }
 
   // ---- the model ----------------------------------------------------------------------------------------------------
@@ -235,41 +362,13 @@ class PlayerView extends InputView {
   #run() {
     if (this.model.get("is_playing")) this.clock.play();
     else this.clock.pause();
-    this.#send(true); // without anything to play it remains paused
-  }
-
-  #set(name: "speed" | "loop", value: number | string) {
-    this.model.set(name, value);
-    this.model.save_changes();
-    this.#take();
-  }
-
-  /** Send the time to Python: at once at rest, else a few times a second. */
-  #send(isAtRest: boolean) {
-    if (this.clock.leader === null) this.clock.leader = this;
-    if (this.clock.leader !== this) return;
-    const { time, isPlaying } = this.clock,
-      now = performance.now(),
-      pause = this.model.get("sync_ms");
-    clearTimeout(this.later);
-    if (!isAtRest && now - this.sent < pause) {
-      this.later = setTimeout(() => this.guard(() => this.#send(true)), pause - (now - this.sent));
-      return;
-    }
-    const isNew = time !== this.model.get("time"),
-      isTurned = isPlaying !== Boolean(this.model.get("is_playing"));
-    if (!isNew && !isTurned) return;
-    this.sent = now;
-    this.lastTime = time;
-    if (isNew) this.model.set("time", time);
-    if (isTurned) this.model.set("is_playing", isPlaying);
-    this.model.save_changes();
+    this.sender.send(true); // without anything to play it remains paused
   }
 
   moved({ isPlaying }: TimeDetail) {
     const hasStopped = this.wasPlaying && !isPlaying;
     this.wasPlaying = isPlaying;
-    this.#send(hasStopped || (!isPlaying && !this.isScrubbed));
+    this.sender.send(hasStopped || (!isPlaying && !this.isScrubbed));
     this.invalidate();
   }
 
@@ -297,15 +396,15 @@ class PlayerView extends InputView {
   }
 
   /** @param share of the bar */
-  scrubbed(share: number, phase: "start" | "move" | "end") {
+  scrubbed(share: number, phase: Phase) {
     this.isScrubbed = phase !== "end";
     if (phase === "start") this.clock.pause();
     // It snaps to a key frame that is nearer than six pixels.
     const time = share * this.duration,
-      reach = (6 / Math.max(1, this.rail.clientWidth)) * this.duration;
+      reach = this.track.reach * this.duration;
     const key = this.keys.find((t) => Math.abs(t - time) < reach);
     this.clock.seek(key ?? time);
-    if (phase === "end") this.#send(true);
+    if (phase === "end") this.sender.send(true);
   }
 
   key(event: KeyboardEvent) {
@@ -329,79 +428,16 @@ class PlayerView extends InputView {
 
   draw() {
     const { time, isPlaying } = this.clock,
-      { duration, keys } = this,
-      share = duration > 0 ? time / duration : 0;
+      { duration } = this;
     const label = this.model.get("label") || "Animation";
     setAttributes(this.root, { "aria-label": label });
-    this.rail.style.setProperty("--share", String(share));
     const tip = isPlaying ? "Pause (Space)" : "Play (Space)";
     setAttributes(this.play, { title: tip, "aria-label": tip, "aria-disabled": duration <= 0 });
     this.play.querySelector("path")?.setAttribute("d", PLAYER_ICONS[isPlaying ? "pause" : "play"]);
     this.play.classList.toggle("dnb-pl-solid", !isPlaying);
     setText(this.read, `${time.toFixed(2)} / ${duration.toFixed(2)} s`);
-    setAttributes(this.track, {
-      "aria-label": `${label}, time`,
-      "aria-valuemax": duration,
-      "aria-valuenow": Number(time.toFixed(3)),
-      "aria-valuetext": `${time.toFixed(2)} of ${duration.toFixed(2)} seconds`,
-    });
-    this.#drawMarks(keys, duration, time);
-    this.#drawChoices();
-  }
-
-  #drawMarks(keys: number[], duration: number, time: number) {
-    const shown = JSON.stringify([keys, duration]);
-    if (shown !== this.markedFor) {
-      this.markedFor = shown;
-      this.diamonds.replaceChildren(
-        ...keys.map((t, k) => {
-          const title = `key frame ${k + 1} at ${Number(t.toFixed(3))} s`;
-          const mark = pageElement("span", "dnb-pl-mark", null, { title });
-          mark.style.setProperty("--at", String(duration > 0 ? t / duration : 0));
-          return mark;
-        }),
-      );
-    }
-    [...this.diamonds.children].forEach((mark, k) => {
-      mark.classList.toggle("dnb-pl-here", Math.abs(keys[k]! - time) < 1e-3);
-    });
-  }
-
-  #drawChoices() {
-    const speed = this.model.get("speed"),
-      speeds = [...new Set([...SPEEDS, speed])].sort((a, b) => a - b);
-    if (this.speed.dataset.all !== speeds.join()) {
-      this.speed.dataset.all = speeds.join();
-      this.speed.replaceChildren(...speeds.map((s) => new Option(`${s} \u00d7`, String(s))));
-    }
-    this.speed.value = speed;
-    this.loop.value = this.model.get("loop");
-  }
-}
-
-/** Listen to presses and drags along the bar, with the mouse, a pen or a finger. */
-function listenToScrub(view: PlayerView, track: HTMLElement) {
-  let pointer: number | null = null;
-  const share = (event: PointerEvent) => {
-    const { left, width } = view.rail.getBoundingClientRect();
-    return Math.max(0, Math.min(1, (event.clientX - left) / Math.max(1, width)));
-  };
-  view.listen(track, "pointerdown", (event) => {
-    if (pointer !== null || event.button !== 0) return;
-    pointer = event.pointerId;
-    track.setPointerCapture(event.pointerId);
-    track.focus({ preventScroll: true });
-    view.scrubbed(share(event), "start");
-  });
-  view.listen(track, "pointermove", (event) => {
-    if (event.pointerId === pointer) view.scrubbed(share(event), "move");
-  });
-  for (const name of ["pointerup", "pointercancel"] as const) {
-    view.listen(track, name, (event) => {
-      if (event.pointerId !== pointer) return;
-      pointer = null;
-      view.scrubbed(share(event), "end");
-    });
+    this.track.draw(label, this.keys, { time, duration });
+    this.choices.draw(this.model.get("speed"), this.model.get("loop"));
   }
 }
 
