@@ -49,7 +49,7 @@ _FIRST = """() => new Promise((done) => {
     const now = performance.now() - started;
     if (!found.picture && hasInk(document.querySelector(".dnb-editor .dnb-ed-canvas"))) found.picture = now;
     const loop = document.querySelector(".dnb-view")?.deformnb?.loop;
-    if (!found.volume && loop && Object.keys(loop.drawn).length) found.volume = now;
+    if (!found.volume && loop && Object.keys(loop.screen.drawn).length) found.volume = now;
     if ((found.picture && found.volume) || now > 180e3) done(found); else requestAnimationFrame(look);
   };
   jupyterapp.commands.execute("notebook:run-cell");

@@ -331,7 +331,7 @@ AT_REST = """() => {
   const editor = document.querySelector('.dnb-editor')?.deformnb;
   const loop = document.querySelector('.dnb-view')?.deformnb.loop;
   return Boolean(editor && !editor.frames.isMoving && !editor.frames.request && loop && !loop.isRequested && !loop.rush
-    && loop.drawn[loop.layer] === `full${loop.layer}`);
+    && loop.screen.drawn[loop.screen.layer] === `full${loop.screen.layer}`);
 }"""
 """Whether picture and volume of a studio in a page are drawn in full."""
 

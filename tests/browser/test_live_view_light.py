@@ -167,7 +167,7 @@ def test_a_surface_between_voxels_is_lit_without_grain_at_rest_and_in_motion(bro
             page.page.evaluate(
                 """(coarseness) => {
         const { loop } = document.querySelector(".dnb-view").deformnb, { gl } = loop.caster, size = 120;
-        for (const p of loop.pictures(size, size)) loop.caster.cast("coarse0", size, size, p, { coarseness });
+        for (const p of loop.screen.pictures(size, size)) loop.caster.cast("coarse0", size, size, p, { coarseness });
         loop.caster.present("coarse0", 1);
         const bytes = new Uint8Array(4 * 240 * 240);
         gl.readPixels(0, 0, 240, 240, gl.RGBA, gl.UNSIGNED_BYTE, bytes);

@@ -204,7 +204,8 @@ def quick(page: LivePage) -> np.ndarray:
     """A quick picture, whose cells are larger: red, green, blue and opacity from 0 to 1."""
     values = page.page.evaluate("""() => {
         const { loop, caster } = document.querySelector('.dnb-view').deformnb, width = 120, height = 90;
-        for (const p of loop.pictures(width, height)) caster.cast("coarse0", width, height, p, { coarseness: 1.6 });
+        for (const p of loop.screen.pictures(width, height))
+          caster.cast("coarse0", width, height, p, { coarseness: 1.6 });
         const found = new Float32Array(4 * width * height);
         caster.gl.readPixels(0, 0, width, height, caster.gl.RGBA, caster.gl.FLOAT, found);
         return Array.from(found); }""")

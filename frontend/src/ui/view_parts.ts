@@ -230,13 +230,13 @@ export function opened(view: { elements: { root: HTMLElement }; close: () => voi
 /** The measurements of a FrameLoop, as they are sent to Python. */
 export function measuredBy({
   times: { drag, full, passes, frames },
-  scale,
+  quick: { scale },
   caster: {
     size: [width, height],
   },
 }: {
   times: { drag: number[]; full: number; passes: number; frames: number };
-  scale: number;
+  quick: { scale: number };
   caster: { size: Vector2 };
 }) {
   const sorted = [...drag].sort((a, b) => a - b);

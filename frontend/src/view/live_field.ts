@@ -128,7 +128,7 @@ export class LiveField {
   /** A point is moving: its maps are made with the next picture, or now if none is drawn here. */
   #moved(isMoving: boolean) {
     const { caster, loop } = this.view;
-    if (!isMoving && loop?.held) loop.release();
+    if (!isMoving && loop?.movement.isHeld) loop.release();
     if (!isMoving) return;
     if (loop && caster?.volume) this.view.touch(true);
     else this.catchUp();

@@ -87,7 +87,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     });
     this.caster?.resize(w, h);
     if (this.loop) {
-      this.loop.again();
+      this.loop.screen.again();
       this.touch();
     }
   }
@@ -97,7 +97,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     this.elements.root.dataset.background = background;
     if (!this.caster || this.caster.background === background) return;
     this.caster.background = background;
-    this.loop?.again();
+    this.loop?.screen.again();
     this.touch();
   }
 
@@ -116,11 +116,11 @@ export class LiveVolumeView extends VolumeFrontEnd {
       return;
     }
     this.#setMixture();
-    this.loop?.again(); // both are drawn
+    this.loop?.screen.again(); // both are drawn
   }
 
   #setMixture() {
-    if (this.loop) this.loop.mixture = this.elements.shows === "fade" ? this.elements.compare.share : null;
+    if (this.loop) this.loop.screen.mixture = this.elements.shows === "fade" ? this.elements.compare.share : null;
   }
 
   flip(layer: number) {

@@ -106,7 +106,7 @@ class MovieFrames {
       () => {},
       () => {},
     );
-    if (looks.shows === "fade") this.loop.mixture = 0.5;
+    if (looks.shows === "fade") this.loop.screen.mixture = 0.5;
     Object.assign(this.caster, {
       projection: looks.projection,
       background: looks.background,

@@ -77,92 +77,14 @@ const PASSES: Vector2[] = [
     [3000, 2],
   ];
 
-export class FrameLoop {
-  halvings: number;
-  pixelCost: number;
-  moved = 0;
-  dropped = -Infinity; // when a finger or a button was lifted last
-  isRequested = false;
-  work: Work | null = null;
-  held = false;
-  layer = 0; // the one on the screen
-  /** The share of layer 1 laid over layer 0; null where one layer is seen at a time. */
-  mixture: number | null = null;
-  drawn: Record<number, string> = {}; // by layer: the best picture that is up to date, "full" or a name for fewer pixels
-  showing: string | null = null; // the picture on the canvas
-  over: string | null = null; // the one that a mixture lays over it
-  parts = 1; // pictures side by side
-  begun: (() => void)[] = []; // called when the next quick picture has begun
-  quickCost = 0; // ms for a pixel of a quick picture, measured with the first
-  quickCosts: number[] = []; // the same of the last of them
-  rush: Rush | null = null;
-  change: (() => void) | null = null; // applied with the next quick picture
-  times: { drag: number[]; full: number; passes: number; frames: number };
-  sync: WebGLSync | null = null; // of the work that the GPU has not finished
-  isShowing = false; // whether a frame with a changed canvas is put together
-  waiting = 0;
-  frame = 0;
-  closed = false;
+/** The resolution of quick pictures: they have as many pixels as are drawn in the time that they may take. */
+class QuickScale {
+  halvings: number; // how often the pixels of the full picture are halved
+  cost = 0; // ms for a pixel, measured with the first picture: the median of the last ones
+  #costs: number[] = [];
 
-  /**
-   * @param pictures returns the pictures of a canvas of that size
-   * @param options in milliseconds
-   * @param report called when all is drawn
-   * @param catchUp called before anything is drawn, for lazy updates
-   */
-  constructor(
-    readonly caster: RayCaster,
-    readonly pictures: (width: number, height: number) => Picture[],
-    readonly options: () => { target: number; settle: number },
-    readonly report: (loop: FrameLoop) => void,
-    readonly catchUp: () => void,
-  ) {
-    this.halvings = caster.isSoftware ? 4 : 1; // how often the pixels of a quick picture are halved
-    this.pixelCost = caster.isSoftware ? 2e-3 : 2e-5; // ms, of the full picture; measured as soon as there is one
-    this.times = { drag: [] as number[], full: 0, passes: 0, frames: 0 };
-  }
-
-  /** Draw soon, since something has changed. `held`: a finger or a button is still down. */
-  touch(held = false) {
-    this.#hold(held);
-    this.moved = performance.now();
-    this.isRequested = true;
-    this.work = null;
-    this.drawn = {};
-    this.#plan(0);
-  }
-
-  /** Change the pictures, but never within a picture; of several changes before the next one the last counts. */
-  apply(change: () => void) {
-    if (this.rush || this.isRequested) this.change = change;
-    else change();
-  }
-
-  /** Let the full picture begin: nothing has changed, but the finger is lifted. */
-  release() {
-    this.#hold(false);
-    this.#plan(0);
-  }
-
-  #hold(held: boolean) {
-    if (this.held && !held) this.dropped = performance.now();
-    this.held = held;
-  }
-
-  /** Show a layer: at once if it has been drawn, else a quick picture of it; work under way continues. */
-  flip(layer: number) {
-    this.layer = layer;
-    if (this.drawn[layer]) this.#present();
-    else {
-      this.isRequested = true;
-      this.#plan(0);
-    }
-  }
-
-  close() {
-    this.closed = true;
-    clearTimeout(this.waiting);
-    cancelAnimationFrame(this.frame);
+  constructor(readonly isSoftware: boolean) {
+    this.halvings = isSoftware ? 4 : 1;
   }
 
   /** The share of the full picture's width and height that a quick one has. */
@@ -170,115 +92,15 @@ export class FrameLoop {
     return 2 ** (-this.halvings / 2);
   }
 
-  #plan(delay: number) {
-    if (this.closed || this.sync || this.isShowing) return; // the work in flight plans the next step itself
-    if (this.frame) return; // rescheduled by a change in every frame, as by an animation, it would never run
-    clearTimeout(this.waiting);
-    const step = () => {
-      this.frame = 0;
-      this.#step();
-    };
-    // After the frame: a widget that moves points has drawn them by then, and its picture waits for no rays.
-    const next = () => {
-      this.frame = requestAnimationFrame(() => setTimeout(step, 0));
-    };
-    if (delay > 0) this.waiting = setTimeout(next, delay);
-    else next();
-  }
-
-  #step() {
-    if (this.closed || !this.caster.isReady || this.caster.gl.isContextLost()) return;
-    const settle = this.moved < this.dropped + ANSWER_MS ? 0 : this.options().settle;
-    const idle = performance.now() - this.moved;
-    if (this.rush) this.#piece(this.rush);
-    else if (this.isRequested) this.#quick();
-    else if (this.held || idle < settle) this.#plan(Math.max(16, settle - idle));
-    else this.#refine();
-  }
-
-  get size(): Vector2 {
-    return [...this.caster.size];
-  }
-
-  #present() {
-    const name = this.drawn[this.layer];
-    if (!name) return;
-    this.showing = name;
-    this.over = this.drawn[1] ?? null;
-    this.again();
-  }
-
-  /** Whether a picture is on the screen. */
-  #isSeen({ layer }: Picture) {
-    return this.mixture !== null || layer === this.layer;
-  }
-
-  #choosePictures(width: number, height: number) {
-    const pictures = this.pictures(width, height);
-    if (!pictures.some((p) => p.layer === this.layer)) this.layer = 0;
-    this.parts = pictures.filter((p) => p.layer === this.layer && !p.whole).length || 1;
-    return pictures;
-  }
-
-  #quick() {
-    this.isRequested = false;
-    this.#settle();
-    const [w, h] = this.size;
-    const width = Math.max(24, Math.round(w * this.scale)),
-      height = Math.max(24, Math.round(h * this.scale));
-    const count = Math.max(1, Math.min(MOST_PIECES, Math.round((this.quickCost * width * height) / PIECE_MS)));
-    const rows = Math.max(4, Math.ceil(height / count));
-    const pieces: Rush["pieces"] = [];
-    for (const picture of this.#choosePictures(width, height)) {
-      if (!this.#isSeen(picture)) continue;
-      for (let y = 0; y < height; y += rows) {
-        pieces.push({ picture, tile: [picture.x, y, picture.width, Math.min(rows, height - y)] });
-      }
-    }
-    // Fewer samples along the ray too: half of the time saved by fewer pixels would be spent on depth nobody sees.
-    const coarseness = this.scale < 0.5 ? 1.6 : 1.15;
-    this.rush = {
-      pieces,
-      size: [width, height],
-      coarseness,
-      layers: [...new Set(pieces.map(({ picture }) => picture.layer))],
-      start: performance.now(),
-      spent: 0,
-    };
-    this.#piece(this.rush);
-    for (const callback of this.begun.splice(0)) callback();
-  }
-
-  #piece(rush: Rush) {
-    const piece = rush.pieces.shift();
-    if (!piece) return;
-    const { picture, tile } = piece;
-    this.caster.cast(`coarse${picture.layer}`, ...rush.size, picture, { coarseness: rush.coarseness, tile });
-    this.#when((ms) => {
-      rush.spent += Math.max(0, ms - HEARD_MS);
-      if (rush.pieces.length > 0 || this.rush !== rush) return false;
-      for (const layer of rush.layers) this.drawn[layer] = `coarse${layer}`;
-      this.#present();
-      this.#finishRush(rush);
-      return true;
-    });
-  }
-
-  #finishRush(rush: Rush) {
-    this.rush = null;
-    const ms = performance.now() - rush.start;
-    this.times.drag = [...this.times.drag.slice(-49), ms];
-    this.times.frames += 1;
-    const [width, height] = rush.size;
-    this.quickCosts = [...this.quickCosts.slice(1 - KNOWN_COSTS), rush.spent / (width * height)];
-    this.quickCost = [...this.quickCosts].sort((a, b) => a - b)[this.quickCosts.length >> 1]!;
-    this.#fitScale(width * height);
-  }
-
-  /** Choose the pixels of the next quick pictures by what those of this scale take. */
-  #fitScale(pixels: number) {
-    let ms = this.quickCost * pixels;
-    const most = (this.caster.isSoftware ? SOFTWARE_SHARE : GPU_SHARE) * this.options().target;
+  /**
+   * Choose the pixels of the next pictures by the milliseconds that one of this scale took.
+   * @param target milliseconds from one picture to the next
+   */
+  learn(spent: number, pixels: number, target: number) {
+    this.#costs = [...this.#costs.slice(1 - KNOWN_COSTS), spent / pixels];
+    this.cost = [...this.#costs].sort((a, b) => a - b)[this.#costs.length >> 1]!;
+    let ms = this.cost * pixels;
+    const most = (this.isSoftware ? SOFTWARE_SHARE : GPU_SHARE) * target;
     const coarsest = Math.min(COARSEST, Math.floor(this.halvings + Math.log2(pixels / FEWEST_PIXELS)));
     while (ms > EXCEEDS * most && this.halvings < coarsest) {
       this.halvings += 1;
@@ -289,78 +111,70 @@ export class FrameLoop {
       ms *= 2;
     }
   }
+}
 
-  /** Make the changes that were requested while a picture was being drawn. */
-  #settle() {
-    this.catchUp();
-    const { change } = this;
-    this.change = null;
-    if (change) change();
+/** The plan of full pictures: whole pictures, each of more pixels than the one before it, in pieces of about TILE_MS. */
+class FullPlan {
+  cost: number; // ms for a pixel, measured as soon as there is one
+
+  constructor(readonly quick: QuickScale) {
+    this.cost = quick.isSoftware ? 2e-3 : 2e-5;
   }
 
-  /** Begin a pass of the full picture, the first or the one after `last`. */
-  #begin(last: Work | null): Work {
-    const [w, h] = this.size,
-      pass = last ? last.pass + 1 : 0,
-      pictures = last ? last.pictures : this.#choosePictures(w, h);
-    const layers = [...new Set(pictures.map((p) => p.layer))].sort((a) => (a === this.layer ? -1 : 1)); // first the seen
-    const stages = layers.flatMap((layer) => {
-      const own = pictures.filter((p) => p.layer === layer);
-      return this.#stages(layer, own, pass === 0 && layer === this.layer ? this.#firstStride(own) : 1);
+  /** Pieces differ: empty corners cost nothing. Learn slowly, so that a full piece does not take a second. */
+  learn(ms: number, pixels: number) {
+    this.cost = Math.max(1e-6, 0.6 * this.cost + 0.4 * (ms / Math.max(1, pixels)));
+  }
+
+  /** The whole pictures of a pass, those of the layer that is seen first. */
+  stages(pictures: Picture[], size: Vector2, layer: number, isFirst: boolean): Stage[] {
+    const layers = [...new Set(pictures.map((p) => p.layer))].sort((a) => (a === layer ? -1 : 1));
+    return layers.flatMap((one) => {
+      const own = pictures.filter((p) => p.layer === one);
+      return this.#layerStages(one, own, size, isFirst && one === layer ? this.#firstStride(own, size) : 1);
     });
-    this.work = { pass, stages, pictures, size: [w, h], spent: last?.spent ?? 0, passes: last?.passes ?? 1 };
-    return this.work;
   }
 
   /** The stride of the first whole picture at rest: it has as many pixels as are drawn within SHOW_MS. */
-  #firstStride(pictures: Picture[]) {
-    const whole =
-      pictures.reduce((sum, p) => sum + p.width, 0) * this.size[1] * Math.max(this.pixelCost, this.quickCost);
+  #firstStride(pictures: Picture[], [, height]: Vector2) {
+    const { quick } = this,
+      whole = pictures.reduce((sum, p) => sum + p.width, 0) * height * Math.max(this.cost, quick.cost);
     let stride = 1;
     while (stride < LONGEST_STRIDE && whole > SHOW_MS * stride ** 2) stride *= 2;
-    while (stride > 1 && FINER * this.scale * stride > 1) stride /= 2;
+    while (stride > 1 && FINER * quick.scale * stride > 1) stride /= 2;
     return stride;
   }
 
   /**
    * The whole pictures of a layer, one after the other: every stride-th pixel, every half as far, and so on to all.
    */
-  #stages(layer: number, pictures: Picture[], stride: number): Stage[] {
+  #layerStages(layer: number, pictures: Picture[], size: Vector2, stride: number): Stage[] {
     const name = (s: number) => (s > 1 ? `stride${s}of${layer}` : `full${layer}`);
-    if (stride === 1) return [{ layer, pieces: this.#pieces(pictures, [null]), shows: name(1), merged: null }];
-    const quarters: (numbers: Vector2[], s: number) => Quarter[] = (numbers, s) =>
-      numbers.map(([x, y]) => ({ stride: s, x, y }));
-    const stages: Stage[] = [
-      { layer, pieces: this.#pieces(pictures, quarters([[0, 0]], stride)), shows: name(stride), merged: null },
-    ];
+    const pieces = (s: number, places: Vector2[]) =>
+      this.#pieces(
+        pictures,
+        size,
+        places.map(([x, y]) => ({ stride: s, x, y })),
+      );
+    if (stride === 1) return [{ layer, pieces: this.#pieces(pictures, size, [null]), shows: name(1), merged: null }];
+    const stages: Stage[] = [{ layer, pieces: pieces(stride, [[0, 0]]), shows: name(stride), merged: null }];
     for (let s = stride; s > 1; s /= 2) {
-      stages.push({
-        layer,
-        pieces: this.#pieces(
-          pictures,
-          quarters(
-            [
-              [1, 1],
-              [1, 0],
-              [0, 1],
-            ],
-            s,
-          ),
-        ),
-        shows: name(s / 2),
-        merged: { from: name(s), stride: s },
-      });
+      const others: Vector2[] = [
+        [1, 1],
+        [1, 0],
+        [0, 1],
+      ];
+      stages.push({ layer, pieces: pieces(s, others), shows: name(s / 2), merged: { from: name(s), stride: s } });
     }
     return stages;
   }
 
   /**
-   * Pieces of about TILE_MS of pictures or of quarters of them; those of one place follow each other, since their rays
+   * Pieces of pictures or of quarters of them; those of one place follow each other, since their rays
    * meet the same voxels.
    */
-  #pieces(pictures: Picture[], quarters: (Quarter | null)[]) {
-    const [w, h] = this.size,
-      side = Math.round(Math.sqrt(TILE_MS / this.pixelCost));
+  #pieces(pictures: Picture[], [w, h]: Vector2, quarters: (Quarter | null)[]) {
+    const side = Math.round(Math.sqrt(TILE_MS / this.cost));
     const most = Math.max(16, Math.min(Math.max(w, h), side));
     const pieces: Piece[] = [];
     for (const picture of pictures) {
@@ -381,6 +195,304 @@ export class FrameLoop {
     }
     return pieces.reverse();
   }
+}
+
+/** What the canvas shows: of two layers one, or both mixed. */
+class ShownLayers {
+  layer = 0; // the one on the screen
+  /** The share of layer 1 laid over layer 0; null where one layer is seen at a time. */
+  mixture: number | null = null;
+  /** By layer: the best picture that is up to date, "full" or a name for fewer pixels */
+  drawn: Record<number, string> = {};
+  #showing: string | null = null; // the picture on the canvas
+  #over: string | null = null; // the one that a mixture lays over it
+  #parts = 1; // pictures side by side
+
+  /** @param pictures returns the pictures of a canvas of that size */
+  constructor(
+    readonly caster: RayCaster,
+    readonly pictures: (width: number, height: number) => Picture[],
+  ) {}
+
+  isSeen(layer: number) {
+    return this.mixture !== null || layer === this.layer;
+  }
+
+  choosePictures([width, height]: Vector2) {
+    const pictures = this.pictures(width, height);
+    if (!pictures.some((p) => p.layer === this.layer)) this.layer = 0;
+    this.#parts = pictures.filter((p) => p.layer === this.layer && !p.whole).length || 1;
+    return pictures;
+  }
+
+  show() {
+    const name = this.drawn[this.layer];
+    if (!name) return;
+    this.#showing = name;
+    this.#over = this.drawn[1] ?? null;
+    this.again();
+  }
+
+  /**
+   * Show the last picture again, or nothing but the background, after the canvas was cleared or that changed.
+   */
+  again() {
+    const { caster, mixture } = this,
+      name = this.#showing,
+      over = mixture === null ? null : this.#over,
+      isQuick = caster.isSoftware && name?.startsWith("coarse");
+    caster.present(name, { parts: this.#parts, over, share: mixture ?? 0, isQuick });
+  }
+}
+
+/** Movements of what is seen, and whether a finger or a button is down. */
+class Movement {
+  isHeld = false;
+  #moved = 0;
+  #dropped = -Infinity;
+
+  hold(isHeld: boolean) {
+    if (this.isHeld && !isHeld) this.#dropped = performance.now();
+    this.isHeld = isHeld;
+  }
+
+  move(isHeld: boolean) {
+    this.hold(isHeld);
+    this.#moved = performance.now();
+  }
+
+  /** Milliseconds until it is at rest, which it is for `settle`; what answers a drag need not settle. */
+  left(settle: number) {
+    const pause = this.#moved < this.#dropped + ANSWER_MS ? 0 : settle;
+    return this.#moved + pause - performance.now();
+  }
+}
+
+/** The turns of the GPU: one piece of work is in flight, and then a frame of the page, if the canvas has changed. */
+class GpuTurns {
+  isClosed = false;
+  #sync: WebGLSync | null = null; // of the work that the GPU has not finished
+  #isShowing = false; // whether a frame with a changed canvas is put together
+  #timer = 0;
+  #frame = 0;
+
+  /** @param step gives the GPU its next piece of work */
+  constructor(
+    readonly gl: WebGL2RenderingContext,
+    readonly step: () => void,
+  ) {}
+
+  close() {
+    this.isClosed = true;
+    clearTimeout(this.#timer);
+    cancelAnimationFrame(this.#frame);
+  }
+
+  plan(delay: number) {
+    if (this.isClosed || this.#sync || this.#isShowing) return; // the work in flight plans the next step itself
+    if (this.#frame) return; // rescheduled by a change in every frame, as by an animation, it would never run
+    clearTimeout(this.#timer);
+    const step = () => {
+      this.#frame = 0;
+      this.step();
+    };
+    // After the frame: a widget that moves points has drawn them by then, and its picture waits for no rays.
+    const next = () => {
+      this.#frame = requestAnimationFrame(() => setTimeout(step, 0));
+    };
+    if (delay > 0) this.#timer = setTimeout(next, delay);
+    else next();
+  }
+
+  /**
+   * Call done when the GPU has finished, without blocking the page, with the milliseconds that it took; done returns
+   * whether it has changed the canvas. Where the page polls late, half of the time since its last poll is counted.
+   */
+  wait(done: (ms: number) => boolean) {
+    const { gl } = this;
+    this.#sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    const start = performance.now();
+    let looked = start;
+    const look = () => {
+      if (this.isClosed || !this.#sync) return;
+      if (gl.isContextLost()) {
+        this.#sync = null;
+        return;
+      }
+      if (gl.getSyncParameter(this.#sync, gl.SYNC_STATUS) !== gl.SIGNALED) {
+        looked = performance.now();
+        setTimeout(look, 2);
+        return;
+      }
+      gl.deleteSync(this.#sync);
+      this.#sync = null;
+      this.#isShowing = done((looked + performance.now()) / 2 - start);
+      const next = () => {
+        this.#isShowing = false;
+        this.step();
+      };
+      if (this.#isShowing)
+        requestAnimationFrame(() => setTimeout(next, 0)); // a frame is put together between the two
+      else this.#timer = setTimeout(next, 0);
+    };
+    setTimeout(look, 1);
+  }
+}
+
+export class FrameLoop {
+  readonly screen: ShownLayers;
+  readonly quick: QuickScale;
+  readonly full: FullPlan;
+  readonly movement = new Movement();
+  readonly turns: GpuTurns;
+  isRequested = false;
+  work: Work | null = null;
+  rush: Rush | null = null;
+  change: (() => void) | null = null; // applied with the next quick picture
+  begun: (() => void)[] = []; // called when the next quick picture has begun
+  times: { drag: number[]; full: number; passes: number; frames: number } = { drag: [], full: 0, passes: 0, frames: 0 };
+
+  /**
+   * @param pictures returns the pictures of a canvas of that size
+   * @param options in milliseconds
+   * @param report called when all is drawn
+   * @param catchUp called before anything is drawn, for lazy updates
+   */
+  constructor(
+    readonly caster: RayCaster,
+    pictures: (width: number, height: number) => Picture[],
+    readonly options: () => { target: number; settle: number },
+    readonly report: (loop: FrameLoop) => void,
+    readonly catchUp: () => void,
+  ) {
+    this.screen = new ShownLayers(caster, pictures);
+    this.quick = new QuickScale(caster.isSoftware);
+    this.full = new FullPlan(this.quick);
+    this.turns = new GpuTurns(caster.gl, () => this.#step());
+  }
+
+  /** Draw soon, since something has changed. `held`: a finger or a button is still down. */
+  touch(held = false) {
+    this.movement.move(held);
+    this.isRequested = true;
+    this.work = null;
+    this.screen.drawn = {};
+    this.turns.plan(0);
+  }
+
+  /** Change the pictures, but never within a picture; of several changes before the next one the last counts. */
+  apply(change: () => void) {
+    if (this.rush || this.isRequested) this.change = change;
+    else change();
+  }
+
+  /** Let the full picture begin: nothing has changed, but the finger is lifted. */
+  release() {
+    this.movement.hold(false);
+    this.turns.plan(0);
+  }
+
+  /** Show a layer: at once if it has been drawn, else a quick picture of it; work under way continues. */
+  flip(layer: number) {
+    const { screen } = this;
+    screen.layer = layer;
+    if (screen.drawn[layer]) screen.show();
+    else {
+      this.isRequested = true;
+      this.turns.plan(0);
+    }
+  }
+
+  close() {
+    this.turns.close();
+  }
+
+  #step() {
+    const { caster, movement, turns } = this;
+    if (turns.isClosed || !caster.isReady || caster.gl.isContextLost()) return;
+    const left = movement.left(this.options().settle);
+    if (this.rush) this.#piece(this.rush);
+    else if (this.isRequested) this.#quick();
+    else if (movement.isHeld || left > 0) turns.plan(Math.max(16, left));
+    else this.#refine();
+  }
+
+  get size(): Vector2 {
+    return [...this.caster.size];
+  }
+
+  #quick() {
+    this.isRequested = false;
+    this.#settle();
+    const { cost, scale } = this.quick,
+      [w, h] = this.size;
+    const width = Math.max(24, Math.round(w * scale)),
+      height = Math.max(24, Math.round(h * scale));
+    const count = Math.max(1, Math.min(MOST_PIECES, Math.round((cost * width * height) / PIECE_MS)));
+    const rows = Math.max(4, Math.ceil(height / count));
+    const pieces: Rush["pieces"] = [];
+    for (const picture of this.screen.choosePictures([width, height])) {
+      if (!this.screen.isSeen(picture.layer)) continue;
+      for (let y = 0; y < height; y += rows) {
+        pieces.push({ picture, tile: [picture.x, y, picture.width, Math.min(rows, height - y)] });
+      }
+    }
+    // Fewer samples along the ray too: half of the time saved by fewer pixels would be spent on depth nobody sees.
+    const coarseness = scale < 0.5 ? 1.6 : 1.15;
+    this.rush = {
+      pieces,
+      size: [width, height],
+      coarseness,
+      layers: [...new Set(pieces.map(({ picture }) => picture.layer))],
+      start: performance.now(),
+      spent: 0,
+    };
+    this.#piece(this.rush);
+    for (const callback of this.begun.splice(0)) callback();
+  }
+
+  #piece(rush: Rush) {
+    const piece = rush.pieces.shift();
+    if (!piece) return;
+    const { picture, tile } = piece;
+    this.caster.cast(`coarse${picture.layer}`, ...rush.size, picture, { coarseness: rush.coarseness, tile });
+    this.turns.wait((ms) => {
+      rush.spent += Math.max(0, ms - HEARD_MS);
+      if (rush.pieces.length > 0 || this.rush !== rush) return false;
+      for (const layer of rush.layers) this.screen.drawn[layer] = `coarse${layer}`;
+      this.screen.show();
+      this.#finishRush(rush);
+      return true;
+    });
+  }
+
+  #finishRush(rush: Rush) {
+    this.rush = null;
+    const ms = performance.now() - rush.start;
+    this.times.drag = [...this.times.drag.slice(-49), ms];
+    this.times.frames += 1;
+    const [width, height] = rush.size;
+    this.quick.learn(rush.spent, width * height, this.options().target);
+  }
+
+  /** Make the changes that were requested while a picture was being drawn. */
+  #settle() {
+    this.catchUp();
+    const { change } = this;
+    this.change = null;
+    if (change) change();
+  }
+
+  /** Begin a pass of the full picture, the first or the one after `last`. */
+  #begin(last: Work | null): Work {
+    const { screen, size } = this,
+      pictures = last ? last.pictures : screen.choosePictures(size),
+      stages = this.full.stages(pictures, size, screen.layer, last === null),
+      { pass, spent, passes } = last ?? { pass: -1, spent: 0, passes: 1 };
+    this.work = { pass: pass + 1, stages, pictures, size, spent, passes };
+    return this.work;
+  }
 
   /** Draw pieces of the full picture for about TILE_MS. */
   #refine() {
@@ -395,24 +507,23 @@ export class FrameLoop {
     if (!stage) return;
     const name = stage.merged?.from ?? stage.shows;
     let pixels = 0;
-    while (pixels * this.pixelCost < TILE_MS) {
+    while (pixels * this.full.cost < TILE_MS) {
       const piece = stage.pieces.pop();
       if (!piece) break;
       this.caster.cast(name, w, h, piece.picture, { tile: piece.at, pass: work.pass, quarter: piece.quarter });
       pixels += piece.at[2] * piece.at[3];
     }
     if (stage.pieces.length === 0 && stage.merged) this.caster.merge(name, stage.shows, w, h, stage.merged.stride);
-    this.#when((ms) => {
-      // Pieces differ: empty corners cost nothing. Learn slowly, so that a full piece does not take a second.
-      this.pixelCost = Math.max(1e-6, 0.6 * this.pixelCost + 0.4 * (ms / Math.max(1, pixels)));
+    this.turns.wait((ms) => {
+      this.full.learn(ms, pixels);
       if (this.work !== work) return false;
       work.spent += ms;
       if (stage.pieces.length > 0) return false;
       work.stages.shift();
-      this.drawn[stage.layer] = stage.shows;
+      this.screen.drawn[stage.layer] = stage.shows;
       if (work.stages.length === 0) this.#finished(work);
-      if (stage.layer !== this.layer && this.mixture === null) return false;
-      this.#present();
+      if (!this.screen.isSeen(stage.layer)) return false;
+      this.screen.show();
       return true;
     });
   }
@@ -428,60 +539,17 @@ export class FrameLoop {
     else this.report(this);
   }
 
-  /**
-   * Call done when the GPU has finished, without blocking the page, with the milliseconds that it took; done returns
-   * whether it has changed the canvas. Where the page polls late, half of the time since its last poll is counted.
-   */
-  #when(done: (ms: number) => boolean) {
-    const gl = this.caster.gl;
-    this.sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
-    gl.flush();
-    const start = performance.now();
-    let looked = start;
-    const look = () => {
-      if (this.closed || !this.sync) return;
-      if (gl.isContextLost()) {
-        this.sync = null;
-        return;
-      }
-      if (gl.getSyncParameter(this.sync, gl.SYNC_STATUS) !== gl.SIGNALED) {
-        looked = performance.now();
-        setTimeout(look, 2);
-        return;
-      }
-      gl.deleteSync(this.sync);
-      this.sync = null;
-      this.isShowing = done((looked + performance.now()) / 2 - start);
-      const next = () => {
-        this.isShowing = false;
-        this.#step();
-      };
-      if (this.isShowing)
-        requestAnimationFrame(() => setTimeout(next, 0)); // a frame is put together between the two
-      else this.waiting = setTimeout(next, 0);
-    };
-    setTimeout(look, 1);
-  }
-
   /** Draw the full picture at once, for a screenshot: the page waits. */
   drawNow(passes = 2) {
     this.rush = null;
     this.#settle();
-    const [w, h] = this.size,
-      pictures = this.#choosePictures(w, h).filter((p) => this.#isSeen(p));
+    const { screen } = this,
+      [w, h] = this.size,
+      pictures = screen.choosePictures([w, h]).filter((p) => screen.isSeen(p.layer));
     for (const picture of pictures) {
       for (let pass = 0; pass < passes; pass++) this.caster.cast(`full${picture.layer}`, w, h, picture, { pass });
     }
-    for (const { layer } of pictures) this.drawn[layer] = `full${layer}`;
-    this.#present();
-  }
-
-  /**
-   * Show the last picture again, or nothing but the background, after the canvas was cleared or that changed.
-   */
-  again() {
-    const { caster, showing, parts, mixture } = this,
-      isQuick = caster.isSoftware && showing?.startsWith("coarse");
-    caster.present(showing, { parts, over: mixture === null ? null : this.over, share: mixture ?? 0, isQuick });
+    for (const { layer } of pictures) screen.drawn[layer] = `full${layer}`;
+    screen.show();
   }
 }
