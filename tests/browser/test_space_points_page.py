@@ -42,7 +42,7 @@ class Shown:
         page.add(self.view)
         self.view.edit_points(self.editor)
         page.wait_loaded()
-        page.wait(f"{POINTS}.editor && {POINTS}.camera")
+        page.wait(f"{POINTS}.points.isFollowing && {POINTS}.camera")
         self.mouse = page.page.mouse
 
     def to_screen(self, place: Any) -> tuple[float, float]:
@@ -66,7 +66,7 @@ class Shown:
         self.wait_settled()
 
     def wait_settled(self) -> None:
-        self.page.wait(f"!{POINTS}.sender.isBehind()")
+        self.page.wait(f"!{POINTS}.points.edited.sender.isBehind()")
 
 
 @pytest.fixture
@@ -110,16 +110,16 @@ def test_a_point_is_drawn_where_the_body_is_seen(shown: Any, page: LivePage, dir
 
 def test_points_are_drawn_once_in_a_frame_and_only_those_that_have_moved(shown: Any, page: LivePage) -> None:
     here = shown(ControlPoints.from_arrays([CENTER, CENTER + 8.0]))
-    page.wait(f"{POINTS}.handles.byId.size === 2")
+    page.wait(f"{POINTS}.marks.handles.byId.size === 2")
     drawn = page.page.evaluate(f"""async () => {{
-      const shown = {POINTS}, {{ handles }} = shown, update = handles.update.bind(handles), drawn = [];
+      const shown = {POINTS}, {{ handles }} = shown.marks, update = handles.update.bind(handles), drawn = [];
       handles.update = (flat, ...given) => {{ drawn.push(flat); return update(flat, ...given); }};
       const frame = () => new Promise((done) => {{ requestAnimationFrame(done); }});
       for (let k = 0; k < 5; k++) shown.view.touch();
       const early = drawn.length;
       await frame();
       const [before] = drawn.splice(0);
-      shown.points = shown.points.map((p) => (p.id ? p : {{ ...p, target: p.target.map((x) => x + 3) }}));
+      shown.points.list = shown.points.list.map((p) => (p.id ? p : {{ ...p, target: p.target.map((x) => x + 3) }}));
       shown.draw();
       shown.draw();
       await frame();
@@ -128,7 +128,7 @@ def test_points_are_drawn_once_in_a_frame_and_only_those_that_have_moved(shown: 
     assert drawn == [0, 1, [1]]
     here.view.set_camera((1, 0, 0))
     page.wait(f"Math.abs({POINTS}.camera.ahead[0]) === 1")
-    page.wait(f"{POINTS}.seen === JSON.stringify({POINTS}.camera)")  # of another camera all are
+    page.wait(f"{POINTS}.marks.seen === JSON.stringify({POINTS}.camera)")  # of another camera all are
 
 
 def test_the_body_follows_a_drag_without_a_field_from_python(shown: Any, page: LivePage) -> None:
@@ -245,14 +245,14 @@ def test_an_editor_and_two_views_of_one_page_move_together(page: LivePage) -> No
     other = VolumeView(here.volume, width=200, height=160, method="core")
     page.add(other, "other")
     other.edit_points(here.editor)
-    page.wait("document.querySelector('.dnb-volume').deformnb.spacePoints.points.length === 1")
+    page.wait("document.querySelector('.dnb-volume').deformnb.spacePoints.points.list.length === 1")
     x, y = here.to_screen(CENTER)
     here.mouse.move(x, y)
     here.mouse.down()
     here.mouse.move(x + 25, y, steps=4)
     places = page.page.evaluate(
-        "() => [document.querySelector('.dnb-space').deformnb.points[0].target, "
-        "document.querySelector('.dnb-volume').deformnb.spacePoints.points[0].target]"
+        "() => [document.querySelector('.dnb-space').deformnb.parts.points.list[0].target, "
+        "document.querySelector('.dnb-volume').deformnb.spacePoints.points.list[0].target]"
     )
     assert places[0] == places[1]
     assert places[0][0] == pytest.approx(CENTER[0] + 25 * here.scale(CENTER), abs=0.5)  # before Python has heard of it

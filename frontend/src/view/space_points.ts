@@ -11,9 +11,9 @@ import { addPoint, nextId, removePoints, samePoints } from "../maths/points.ts";
 import { spaceLabel, spaceTip, translateInSpace, updateSources } from "../maths/space.ts";
 import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.ts";
 import type { Sender } from "../sync/edits.ts";
-import { senderOf } from "../sync/edits.ts";
+import { senderOf, setTrait } from "../sync/edits.ts";
 import type { Bus, FlatPoint, Model, Point, Sides, Vector2, Vector3 } from "../types.ts";
-import { ARROWS, pageElement, setAttributes, svgElement } from "../ui/dom.ts";
+import { ARROWS, pageElement, placeIn, setAttributes, svgElement } from "../ui/dom.ts";
 import type { PlanarField, SpaceField } from "../webgl/types.ts";
 import { opacityOfByte } from "../webgl/volume_blocks.ts";
 import type { ScreenBox } from "./pointer.ts";
@@ -280,49 +280,340 @@ function planarAt(
 
 // ---- points over the view -------------------------------------------------------------------------------------------
 
-export class SpacePoints {
-  id: string;
-  editor: Model | null = null; // whose points are shown
-  bus: Bus | null = null; // the editor's
-  sender: Sender | null = null; // the editor's
-  followed: FollowedModel;
-  points: Point[] = [];
+/** The points of the editor that a view follows, as this window has them, and those of them that are selected. */
+class FollowedPoints {
+  list: Point[] = [];
   selected = new Set<number>();
-  held: Held | null = null;
-  drag0: Point[] | null = null; // the points as a drag began
-  axis: Axis | null = null; // that a drag is confined to
-  order: number[] = []; // ids, the farthest first
-  flat: WeakMap<Point, FlatPoint & { depth: number }> = new WeakMap(); // points on the picture from the camera `seen`
-  seen = "";
-  frame = 0; // the request of the next one, or 0
-  lookedAt = -Infinity;
-  timer = 0;
+  /** The points as a drag began; null without one */
+  before: Point[] | null = null;
+  #id = Math.random().toString(36).slice(2, 12);
+  #followed: FollowedModel;
+  #edited: { editor: Model; bus: Bus; sender: Sender } | null = null;
+
+  /** @param draw called when the points have changed */
+  constructor(
+    owner: Model,
+    readonly draw: () => void,
+  ) {
+    this.#followed = new FollowedModel(owner);
+  }
+
+  async follow(reference: string | Model | null) {
+    const followed = this.#followed;
+    if (reference === followed.reference) return; // following again removes no listener
+    this.leave();
+    const found = await followed.choose(reference);
+    if (!found) return;
+    const { model: editor, bus } = found;
+    const sender = senderOf(bus, editor);
+    this.#edited = { editor, bus, sender };
+    followed.hear(bus, "deformnb:points", ({ detail }) => {
+      if (detail.origin === this.#id || this.before) return;
+      this.list = detail.phase === "move" ? detail.points : sender.points;
+      this.draw();
+    });
+    const chosen = () => {
+      this.selected = new Set(editor.get("selected") ?? []);
+      this.draw();
+    };
+    editor.on("change:selected", chosen);
+    const unlisten = sender.listen((what: string) => {
+      if (what === "points") this.receive();
+    });
+    followed.ends.push(unlisten, () => editor.off("change:selected", chosen));
+    sender.receive();
+    this.list = sender.points;
+    chosen();
+  }
+
+  leave() {
+    this.#followed.end();
+    this.#edited = this.before = null;
+    this.list = [];
+    this.draw();
+  }
+
+  get isFollowing() {
+    return this.#edited !== null;
+  }
+
+  /** The editor and the state that its views share; there must be one. */
+  get edited() {
+    if (!this.#edited) throw new Error("no points are edited");
+    return this.#edited;
+  }
+
+  get isLocked() {
+    const { editor } = this.edited;
+    return Boolean(editor.get("read_only") || editor.get("waiting"));
+  }
+
+  receive() {
+    const { points } = this.edited.sender;
+    if (this.before) {
+      // Python has found a new point's source; the drag's values stay
+      this.before = updateSources(this.before, points);
+      this.list = updateSources(this.list, points);
+    } else this.list = points;
+    this.draw();
+  }
+
+  select(ids: number[]) {
+    this.selected = new Set(ids);
+    setTrait(this.edited.editor, "selected", [...ids]);
+    this.draw();
+  }
+
+  /** Show the points of a drag, here and in other views. */
+  show(points: Point[]) {
+    this.list = points;
+    this.#publish("move");
+    this.edited.sender.move(points);
+    this.draw();
+  }
+
+  /** Revert a drag, also in Python, which has received it. */
+  revert() {
+    const { sender } = this.edited;
+    this.list = sender.points;
+    this.#publish("end");
+    sender.move(this.list);
+  }
+
+  #publish(phase: "move" | "end") {
+    const { bus, editor } = this.edited;
+    publishPoints(bus, { origin: this.#id, points: this.list, settings: settingsOf(editor), fit: null, phase });
+  }
+}
+
+/** The points as they are drawn. */
+class PointMarks {
   svg: SVGSVGElement;
-  axisLine: SVGPathElement;
   handles: Handles<FlatPoint>;
-  liveRegion: HTMLDivElement;
-  closed = new AbortController();
+  /** The camera of the last drawing */
+  seen = "";
+  #axisLine: SVGPathElement;
+  #order: number[] = []; // ids, the farthest first
+  #flat: WeakMap<Point, FlatPoint & { depth: number }> = new WeakMap(); // points on the picture from the camera `seen`
+  #lookedAt = -Infinity;
+  #timer = 0;
+
+  constructor(
+    root: HTMLElement,
+    readonly points: FollowedPoints,
+  ) {
+    this.svg = svgElement("svg", { class: "dnb-sp-over", visibility: "hidden" }, root);
+    this.#axisLine = svgElement("path", { class: "dnb-sp-axis", visibility: "hidden" }, this.svg);
+    this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
+  }
+
+  close() {
+    clearTimeout(this.#timer);
+    this.svg.remove();
+  }
+
+  hide() {
+    setAttributes(this.svg, { visibility: "hidden" });
+    this.handles.update([], this.points.selected, PIXELS, 0, 0);
+  }
+
+  /** Returns whether the focus is lost, since its point is gone. */
+  draw(camera: SpaceCamera, { width, height }: { width: number; height: number }, axis: Axis | null) {
+    const { before, selected } = this.points;
+    setAttributes(this.svg, { visibility: "visible", viewBox: `0 0 ${width} ${height}` });
+    const flat = this.#flatFrom(camera);
+    if (!before)
+      flat.sort((p, q) => q.depth - p.depth); // nearer ones in front; no reordering in a drag
+    else flat.sort((p, q) => this.#order.indexOf(p.id) - this.#order.indexOf(q.id));
+    this.#order = flat.map((p) => p.id);
+    this.#drawAxis(camera, axis);
+    return this.handles.update(flat, selected, { ...PIXELS, width, height }, 0, 0);
+  }
+
+  /**
+   * The points on the picture; those that have not moved since the last frame are the same objects, not drawn again.
+   */
+  #flatFrom(camera: SpaceCamera) {
+    const seen = JSON.stringify(camera);
+    if (seen !== this.seen) {
+      this.seen = seen;
+      this.#flat = new WeakMap();
+    }
+    return this.points.list.map((p) => {
+      const known = this.#flat.get(p);
+      if (known) return known;
+      const { at, depth } = camera.see(p.target as Vector3);
+      const made = {
+        id: p.id,
+        name: p.name,
+        active: p.active,
+        target: at,
+        source: camera.see(p.source as Vector3).at,
+        depth,
+        away: 0,
+        isFar: false,
+        whole: p,
+      };
+      this.#flat.set(p, made);
+      return made;
+    });
+  }
+
+  #drawAxis(camera: SpaceCamera, axis: Axis | null) {
+    const { list, selected } = this.points,
+      p = axis === null ? null : list.find((q) => selected.has(q.id));
+    setAttributes(this.#axisLine, { visibility: p ? "visible" : "hidden" });
+    if (!p || axis === null) return;
+    const far = 1000 * camera.see(p.target as Vector3).scale,
+      unit = perAxis((k) => (k === axis ? far : 0));
+    const end = (sign: number) => camera.see(added(p.target as Vector3, scaled(unit, sign))).at;
+    setAttributes(this.#axisLine, { d: `M ${end(-1)} L ${end(1)}`, "data-axis": AXIS_NAMES[axis] });
+  }
+
+  /** Mark the points that are behind the body: a hundred steps for each, so not at every movement. */
+  lookLater(camera: SpaceCamera, findBody: () => Body | null) {
+    const now = performance.now(),
+      { points } = this;
+    clearTimeout(this.#timer);
+    if (now - this.#lookedAt < LATER) {
+      this.#timer = setTimeout(() => points.draw(), LATER);
+      return;
+    }
+    this.#lookedAt = now;
+    const body = findBody();
+    for (const p of points.list) {
+      const place = p.target as Vector3,
+        isHidden = body?.hides(place, camera.toViewer(place)) ?? false,
+        parts = this.handles.byId.get(p.id);
+      if (!parts) continue;
+      for (const part of [parts.target, parts.source, parts.arrow]) part.classList.toggle("dnb-sp-hidden", isHidden);
+    }
+  }
+}
+
+/** The camera of the view, and the places of a pointer in it. */
+type Projection = Pick<SpacePoints, "camera" | "placeOf">;
+
+/** A drag of points by a pointer, parallel to the screen or along one axis of space. */
+class PointDrag {
+  held: Held | null = null;
+  axis: Axis | null = null; // that it is confined to
+
+  constructor(
+    readonly points: FollowedPoints,
+    readonly marks: PointMarks,
+    readonly projection: Projection,
+  ) {}
+
+  down(event: PointerEvent, hit: Hit | null) {
+    const { marks, points } = this;
+    if (!hit || event.button !== 0 || this.held) return;
+    marks.svg.setPointerCapture(event.pointerId);
+    event.preventDefault();
+    event.stopPropagation();
+    const adds = event.shiftKey || event.ctrlKey || event.metaKey;
+    if (!points.selected.has(hit.id)) points.select(adds ? [...points.selected, hit.id] : [hit.id]);
+    marks.handles.focus(hit.id);
+    this.held = {
+      ...hit,
+      what: event.altKey ? "both" : hit.what,
+      pointer: event.pointerId,
+      from: this.projection.placeOf(event),
+      isPress: true,
+      ids: [...points.selected],
+    };
+  }
+
+  move(event: PointerEvent) {
+    const { held, points } = this,
+      at = this.projection.placeOf(event);
+    if (!held || held.pointer !== event.pointerId || points.isLocked) return;
+    held.at = at;
+    if (held.isPress && Math.hypot(at[0] - held.from[0], at[1] - held.from[1]) < 2) return;
+    if (held.isPress) {
+      held.isPress = false;
+      points.before = points.list;
+    }
+    this.#dragTo(held, at);
+  }
+
+  #dragTo(held: Held, at: Vector2) {
+    const { before } = this.points,
+      point = before?.find((p) => p.id === held.id);
+    if (!before || !point) return;
+    const place = held.what === "source" ? point.source : point.target;
+    const way = this.way(place as Vector3, [at[0] - held.from[0], at[1] - held.from[1]]);
+    this.points.show(translateInSpace(before, held.ids, way, held.what));
+  }
+
+  /** The displacement in space of one on the screen at a place. */
+  way(place: Vector3, by: Vector2) {
+    const { axis } = this,
+      { camera } = this.projection;
+    return axis === null ? camera.way(place, by) : camera.wayAlong(axis, place, by);
+  }
+
+  up(event: PointerEvent, isCancelled = false) {
+    const { held, points } = this,
+      { before, list } = points;
+    if (held?.pointer !== event.pointerId) return;
+    this.held = points.before = null;
+    if (!before) return;
+    this.axis = null;
+    if (!isCancelled && !points.isLocked && !samePoints(list, before)) points.edited.sender.edit(list, "move");
+    else points.revert();
+    points.draw();
+  }
+
+  /** Drag along x, y or z only, until that is called again. */
+  lock(axis: Axis) {
+    const { held, points } = this;
+    this.axis = this.axis === axis ? null : axis;
+    if (points.before && held?.at) this.#dragTo(held, held.at);
+    else points.draw();
+  }
+
+  /** Cancel a drag; false where there is none. */
+  cancel() {
+    const { points } = this,
+      isDragging = points.before !== null;
+    this.axis = null;
+    if (isDragging) {
+      this.held = points.before = null;
+      points.revert();
+    }
+    return isDragging;
+  }
+}
+
+export class SpacePoints {
+  readonly points: FollowedPoints;
+  readonly marks: PointMarks;
+  readonly drag: PointDrag;
+  #frame = 0; // the request of the next one, or 0
+  #liveRegion: HTMLDivElement;
+  #closing = new AbortController();
 
   constructor(readonly view: VolumeViewLike) {
-    this.id = Math.random().toString(36).slice(2, 12);
-    this.followed = new FollowedModel(view.model);
-    this.svg = svgElement("svg", { class: "dnb-sp-over", visibility: "hidden" }, view.elements.root);
-    this.axisLine = svgElement("path", { class: "dnb-sp-axis", visibility: "hidden" }, this.svg);
-    this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
-    this.liveRegion = pageElement("div", "dnb-ed-spoken", view.elements.root, { "aria-live": "polite" });
+    const { root } = view.elements;
+    this.points = new FollowedPoints(view.model, () => this.draw());
+    this.marks = new PointMarks(root, this.points);
+    this.drag = new PointDrag(this.points, this.marks, this);
+    this.#liveRegion = pageElement("div", "dnb-ed-spoken", root, { "aria-live": "polite" });
+    const { drag, points } = this;
     const on = <K extends keyof SVGElementEventMap>(name: K, handler: (event: SVGElementEventMap[K]) => void) =>
-      this.svg.addEventListener(
+      this.marks.svg.addEventListener(
         name,
         (event) => {
-          if (this.editor) handler(event);
+          if (points.isFollowing) handler(event);
         },
-        { signal: this.closed.signal },
+        { signal: this.#closing.signal },
       );
-    on("pointerdown", (e) => this.down(e));
-    on("pointermove", (e) => this.move(e));
-    on("pointerup", (e) => this.up(e));
-    on("pointercancel", (e) => this.up(e, true));
-    on("lostpointercapture", (e) => this.up(e, true));
+    on("pointerdown", (e) => drag.down(e, this.hit(e)));
+    on("pointermove", (e) => drag.move(e));
+    on("pointerup", (e) => drag.up(e));
+    on("pointercancel", (e) => drag.up(e, true));
+    on("lostpointercapture", (e) => drag.up(e, true));
     on("keydown", (e) => {
       if (this.key(e)) {
         e.preventDefault();
@@ -337,75 +628,17 @@ export class SpacePoints {
       e.preventDefault();
       e.stopPropagation();
     });
-    view.messages.on("change:points_editor", () => this.follow(view.model.get("points_editor")));
-    this.follow(view.model.get("points_editor")).catch((error) => view.fail(error));
-  }
-
-  async follow(reference: string | Model | null) {
-    if (reference === this.followed.reference) return; // following again removes no listener
-    this.leave();
-    const found = await this.followed.choose(reference);
-    if (!found) return;
-    const { model: editor, bus } = found;
-    const sender = senderOf(bus, editor);
-    this.editor = editor;
-    this.bus = bus;
-    this.sender = sender;
-    this.followed.hear(bus, "deformnb:points", ({ detail }) => {
-      if (detail.origin === this.id || this.drag0) return;
-      this.points = detail.phase === "move" ? detail.points : sender.points;
-      this.draw();
-    });
-    const chosen = () => {
-      this.selected = new Set(editor.get("selected") ?? []);
-      this.draw();
-    };
-    editor.on("change:selected", chosen);
-    const unlisten = sender.listen((what: string) => {
-      if (what === "points") this.receive();
-    });
-    this.followed.ends.push(unlisten, () => editor.off("change:selected", chosen));
-    sender.receive();
-    this.points = sender.points;
-    chosen();
-  }
-
-  leave() {
-    this.followed.end();
-    this.editor = this.drag0 = null;
-    this.points = [];
-    this.draw();
+    const follow = () => points.follow(view.model.get("points_editor"));
+    view.messages.on("change:points_editor", follow);
+    follow().catch((error) => view.fail(error));
   }
 
   close() {
-    this.leave();
-    cancelAnimationFrame(this.frame);
-    clearTimeout(this.timer);
-    this.closed.abort();
-    this.svg.remove();
-    this.liveRegion.remove();
-  }
-
-  /** The editor and the state that its views share; there must be one. */
-  get edited() {
-    const { editor, bus, sender } = this;
-    if (!editor || !bus || !sender) throw new Error("no points are edited");
-    return { editor, bus, sender };
-  }
-
-  receive() {
-    const { points } = this.edited.sender;
-    if (this.drag0) {
-      // Python has found a new point's source; the drag's values stay
-      this.drag0 = updateSources(this.drag0, points);
-      this.points = updateSources(this.points, points);
-    } else this.points = points;
-    this.draw();
-  }
-
-  get isLocked() {
-    const { editor } = this.edited;
-    return Boolean(editor.get("read_only") || editor.get("waiting"));
+    this.points.leave();
+    cancelAnimationFrame(this.#frame);
+    this.#closing.abort();
+    this.marks.close();
+    this.#liveRegion.remove();
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
@@ -429,92 +662,22 @@ export class SpacePoints {
 
   /** Draw in the next frame, however often points, camera and field change before it. */
   draw() {
-    if (!this.frame) this.frame = requestAnimationFrame(() => this.drawNow());
+    if (!this.#frame) this.#frame = requestAnimationFrame(() => this.drawNow());
   }
 
   drawNow() {
-    cancelAnimationFrame(this.frame);
-    this.frame = 0;
-    const { view, svg } = this,
-      isShown = Boolean(this.editor && view.info?.origin && view.shown !== "original");
-    setAttributes(svg, { visibility: isShown ? "visible" : "hidden" });
-    if (!isShown) {
-      this.handles.update([], this.selected, PIXELS, 0, 0);
+    cancelAnimationFrame(this.#frame);
+    this.#frame = 0;
+    const { marks, points, view } = this,
+      { box, canvas } = view.elements;
+    if (!points.isFollowing || !view.info?.origin || view.shown === "original") {
+      marks.hide();
       return;
     }
-    const { camera } = this,
-      { width, height } = view.elements.box;
-    setAttributes(svg, { viewBox: `0 0 ${width} ${height}` });
-    const flat = this.#flatFrom(camera);
-    if (!this.drag0)
-      flat.sort((p, q) => q.depth - p.depth); // nearer ones in front; no reordering in a drag
-    else flat.sort((p, q) => this.order.indexOf(p.id) - this.order.indexOf(q.id));
-    this.order = flat.map((p) => p.id);
-    const isFocusLost = this.handles.update(flat, this.selected, { ...PIXELS, width, height }, 0, 0);
-    if (isFocusLost) view.elements.canvas.focus({ preventScroll: true });
-    this.#drawAxis(camera);
-    this.#lookLater(camera);
-  }
-
-  /**
-   * The points on the picture; those that have not moved since the last frame are the same objects, not drawn again.
-   */
-  #flatFrom(camera: SpaceCamera) {
-    const seen = JSON.stringify(camera);
-    if (seen !== this.seen) {
-      this.seen = seen;
-      this.flat = new WeakMap();
-    }
-    return this.points.map((p) => {
-      const known = this.flat.get(p);
-      if (known) return known;
-      const { at, depth } = camera.see(p.target as Vector3);
-      const made = {
-        id: p.id,
-        name: p.name,
-        active: p.active,
-        target: at,
-        source: camera.see(p.source as Vector3).at,
-        depth,
-        away: 0,
-        isFar: false,
-        whole: p,
-      };
-      this.flat.set(p, made);
-      return made;
-    });
-  }
-
-  #drawAxis(camera: SpaceCamera) {
-    const { axis } = this,
-      p = axis === null ? null : this.points.find((q) => this.selected.has(q.id));
-    setAttributes(this.axisLine, { visibility: p ? "visible" : "hidden" });
-    if (!p || axis === null) return;
-    const far = 1000 * camera.see(p.target as Vector3).scale,
-      unit = perAxis((k) => (k === axis ? far : 0));
-    const end = (sign: number) => camera.see(added(p.target as Vector3, scaled(unit, sign))).at;
-    setAttributes(this.axisLine, { d: `M ${end(-1)} L ${end(1)}`, "data-axis": AXIS_NAMES[axis] });
-  }
-
-  /** Mark the points that are behind the body: a hundred steps for each, so not at every movement. */
-  #lookLater(camera: SpaceCamera) {
-    const now = performance.now(),
-      { view } = this;
-    if (!view.values) return;
-    clearTimeout(this.timer);
-    if (now - this.lookedAt < LATER) {
-      this.timer = setTimeout(() => this.draw(), LATER);
-      return;
-    }
-    this.lookedAt = now;
-    const { body } = this;
-    for (const p of this.points) {
-      const place = p.target as Vector3,
-        isHidden = body?.hides(place, camera.toViewer(place)) ?? false,
-        parts = this.handles.byId.get(p.id);
-      if (!parts) continue;
-      for (const part of [parts.target, parts.source, parts.arrow]) part.classList.toggle("dnb-sp-hidden", isHidden);
-    }
+    const { camera } = this;
+    const isFocusLost = marks.draw(camera, box, this.drag.axis);
+    if (isFocusLost) canvas.focus({ preventScroll: true });
+    if (view.values) marks.lookLater(camera, () => this.body);
   }
 
   get body() {
@@ -524,14 +687,6 @@ export class SpacePoints {
   }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
-
-  select(ids: number[]) {
-    const { editor } = this.edited;
-    this.selected = new Set(ids);
-    editor.set("selected", [...ids]);
-    editor.save_changes();
-    this.draw();
-  }
 
   /** The point under the pointer. */
   hit(event: Event): Hit | null {
@@ -543,105 +698,37 @@ export class SpacePoints {
       : { id: Number(node.dataset.source), what: "source" };
   }
 
-  place(event: MouseEvent): Vector2 {
-    const box = this.view.elements.canvas.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
+  placeOf(event: MouseEvent) {
+    return placeIn(this.view.elements.canvas, event);
   }
 
-  down(event: PointerEvent) {
-    const hit = this.hit(event);
-    if (!hit || event.button !== 0 || this.held) return;
-    this.svg.setPointerCapture(event.pointerId);
-    event.preventDefault();
-    event.stopPropagation();
-    const adds = event.shiftKey || event.ctrlKey || event.metaKey;
-    if (!this.selected.has(hit.id)) this.select(adds ? [...this.selected, hit.id] : [hit.id]);
-    this.handles.focus(hit.id);
-    this.held = {
-      ...hit,
-      what: event.altKey ? "both" : hit.what,
-      pointer: event.pointerId,
-      from: this.place(event),
-      isPress: true,
-      ids: [...this.selected],
-    };
-  }
-
-  move(event: PointerEvent) {
-    const { held } = this,
-      at = this.place(event);
-    if (!held || held.pointer !== event.pointerId || this.isLocked) return;
-    held.at = at;
-    if (held.isPress && Math.hypot(at[0] - held.from[0], at[1] - held.from[1]) < 2) return;
-    if (held.isPress) {
-      held.isPress = false;
-      this.drag0 = this.points;
-    }
-    this.#dragTo(held, at);
-  }
-
-  #dragTo(held: Held, at: Vector2) {
-    const { drag0 } = this,
-      point = drag0?.find((p) => p.id === held.id);
-    if (!drag0 || !point) return;
-    const place = held.what === "source" ? point.source : point.target;
-    const way = this.#way(place as Vector3, [at[0] - held.from[0], at[1] - held.from[1]]);
-    this.points = translateInSpace(drag0, held.ids, way, held.what);
-    this.#publish("move");
-    this.edited.sender.move(this.points);
-    this.draw();
-  }
-
-  #way(place: Vector3, by: Vector2) {
-    const { axis, camera } = this;
-    return axis === null ? camera.way(place, by) : camera.wayAlong(axis, place, by);
-  }
-
-  up(event: PointerEvent, isCancelled = false) {
-    const { held, drag0, points } = this;
-    if (held?.pointer !== event.pointerId) return;
-    this.held = this.drag0 = null;
-    if (!drag0) return;
-    this.axis = null;
-    if (!isCancelled && !this.isLocked && !samePoints(points, drag0)) this.edited.sender.edit(points, "move");
-    else this.giveUp();
-    this.draw();
-  }
-
-  /** Revert a drag, also in Python, which has received it. */
-  giveUp() {
-    const { sender } = this.edited;
-    this.points = sender.points;
-    this.#publish("end");
-    sender.move(this.points);
-  }
-
-  #publish(phase: "move" | "end") {
-    const { bus, editor } = this.edited;
-    publishPoints(bus, { origin: this.id, points: this.points, settings: settingsOf(editor), fit: null, phase });
+  #say(text: string) {
+    this.#liveRegion.textContent = text;
   }
 
   remove(hit: Hit | null) {
-    if (!hit || this.isLocked) return;
-    this.edited.sender.edit(removePoints(this.points, [hit.id]), "remove");
-    this.liveRegion.textContent = `point ${hit.id} deleted`;
+    const { points } = this;
+    if (!hit || points.isLocked) return;
+    points.edited.sender.edit(removePoints(points.list, [hit.id]), "remove");
+    this.#say(`point ${hit.id} deleted`);
   }
 
   /** Add a point on the first surface under a double click. False where there is none, or nothing is edited. */
   doubleClick(event: MouseEvent) {
-    if (!this.editor || this.isLocked || this.view.shown === "original") return false;
-    const at = this.place(event),
+    const { points } = this;
+    if (!points.isFollowing || points.isLocked || this.view.shown === "original") return false;
+    const at = this.placeOf(event),
       { body, camera } = this,
-      { sender } = this.edited;
+      { sender } = points.edited;
     if (!body || at[0] < camera.box.left) return false;
     const place = body.surface(camera.ray(at));
     if (!place) return false;
-    const id = nextId(this.points, sender.nextId);
-    sender.edit(addPoint(this.points, id, place, place), "add"); // Python finds its source
-    this.select([id]);
+    const id = nextId(points.list, sender.nextId);
+    sender.edit(addPoint(points.list, id, place, place), "add"); // Python finds its source
+    points.select([id]);
     this.drawNow(); // else nothing could take the focus
-    this.handles.focus(id);
-    this.liveRegion.textContent = `point ${id} added`;
+    this.marks.handles.focus(id);
+    this.#say(`point ${id} added`);
     return true;
   }
 
@@ -650,61 +737,47 @@ export class SpacePoints {
   /** True if the key was taken. */
   key(event: KeyboardEvent) {
     const hit = this.hit(event),
+      { drag, points } = this,
       key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    const { editor, sender } = this.edited;
-    if (event.ctrlKey || event.metaKey) {
-      if (hit && POINT_STEPS[key]) {
-        const ids = editor.get("points").map((p: Point) => p.id);
-        return this.handles.focusNext(ids, POINT_STEPS[key], hit.id);
-      }
-      if (key !== "z" && key !== "y") return false;
-      if (!this.isLocked && !this.drag0) sender.step(key === "y" || event.shiftKey ? "redo" : "undo");
-      return true;
-    }
+    if (event.ctrlKey || event.metaKey) return this.#commandKey(key, event.shiftKey, hit);
     if (!hit) return false;
     const axis = AXES.find((k) => AXIS_NAMES[k] === key),
       arrow = ARROWS[key];
     if (axis !== undefined) {
-      this.#lock(axis);
-      return true;
-    }
-    if (arrow) {
-      this.#nudge(hit.id, arrow, event.shiftKey ? 10 : 1);
-      return true;
-    }
-    if (key === "Delete" || key === "Backspace") {
-      this.remove(hit);
-      return true;
-    }
-    if (key === "Enter" || key === " ") {
-      this.select([hit.id]);
-      return true;
-    }
-    if (key !== "Escape") return false;
-    if (this.drag0) {
-      this.held = this.drag0 = null;
-      this.giveUp();
-    } else this.select([]);
-    this.axis = null;
-    this.draw();
+      drag.lock(axis);
+      this.#say(drag.axis === null ? "free" : `along ${AXIS_NAMES[axis]} only`);
+    } else if (arrow) this.#nudge(hit.id, arrow, event.shiftKey ? 10 : 1);
+    else if (key === "Delete" || key === "Backspace") this.remove(hit);
+    else if (key === "Enter" || key === " ") points.select([hit.id]);
+    else if (key === "Escape") {
+      if (!drag.cancel()) points.select([]);
+      this.draw();
+    } else return false;
     return true;
   }
 
-  /** Drag along x, y or z only, until that key is pressed again. */
-  #lock(axis: Axis) {
-    this.axis = this.axis === axis ? null : axis;
-    this.liveRegion.textContent = this.axis === null ? "free" : `along ${AXIS_NAMES[axis]} only`;
-    if (this.drag0 && this.held?.at) this.#dragTo(this.held, this.held.at);
-    else this.draw();
+  /** True if a key with Ctrl was taken. */
+  #commandKey(key: string, isShifted: boolean, hit: Hit | null) {
+    const { marks, points } = this,
+      { editor, sender } = points.edited;
+    if (hit && POINT_STEPS[key]) {
+      const ids = editor.get("points").map((p: Point) => p.id);
+      return marks.handles.focusNext(ids, POINT_STEPS[key], hit.id);
+    }
+    if (key !== "z" && key !== "y") return false;
+    if (!points.isLocked && !points.before) sender.step(key === "y" || isShifted ? "redo" : "undo");
+    return true;
   }
 
   #nudge(id: number, by: Vector2, voxels: number) {
-    const p = this.points.find((q) => q.id === id),
+    const { points } = this,
+      p = points.list.find((q) => q.id === id),
       length = voxels * Math.min(...this.view.camera.info.spacing);
-    if (!p || this.isLocked) return;
-    if (!this.selected.has(id)) this.select([id]);
-    const way = unitVector(this.#way(p.target as Vector3, by)),
-      ids = [...this.selected];
-    if (way) this.edited.sender.edit(translateInSpace(this.points, ids, scaled(way, length)), "nudge", `nudge ${ids}`);
+    if (!p || points.isLocked) return;
+    if (!points.selected.has(id)) points.select([id]);
+    const way = unitVector(this.drag.way(p.target as Vector3, by)),
+      ids = [...points.selected];
+    if (way)
+      points.edited.sender.edit(translateInSpace(points.list, ids, scaled(way, length)), "nudge", `nudge ${ids}`);
   }
 }
