@@ -67,9 +67,8 @@ function played(options = {}) {
     getSyncParameter: (sync) => (clock >= sync.at ? 1 : 0),
   };
   const caster = {
-    gl,
+    gpu: { gl, isSoftware },
     isReady: true,
-    isSoftware,
     size: [600, 450],
     cast(name, _width, _height, _picture, { tile, pass = 0, quarter = null }) {
       log.casts.push([clock, name, { tile, pass, quarter }]);

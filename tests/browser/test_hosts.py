@@ -90,7 +90,7 @@ class Shown:
         """Until picture and volume are drawn, and nothing moves any more."""
         self.page.wait_for_selector(".report", timeout=60_000)
         self.page.wait_for_function(
-            f"{EDITOR}.picture.painter.source && {VIEW}.caster?.isReady && {VIEW}.caster.planar", timeout=60_000
+            f"{EDITOR}.picture.painter.source && {VIEW}.caster?.isReady && {VIEW}.caster.fields.planar", timeout=60_000
         )
         self.page.locator(".dnb-editor").first.scroll_into_view_if_needed()
         box_at_rest(self.page.locator(".dnb-view").first)

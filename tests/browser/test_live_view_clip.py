@@ -171,7 +171,7 @@ def test_a_point_is_put_on_what_is_seen(opened: Any) -> None:
     page.pixels()
     place = """(() => { const page = document.querySelector('.dnb-view').deformnb, { values, info, caster } = page;
       const body = new (page.spacePoints.body?.constructor ?? Object)({ values, info, field: page.field,
-        table: caster.table.rgba, unit: caster.table.unit, clip: caster.clip });
+        table: caster.voxels.table.rgba, unit: caster.voxels.table.unit, clip: caster.clip });
       return body.surface({ start: info.views.home && %s, ray: [0, 1, 0] }); })()"""
     start = [float(c) for c in np.asarray(GRID.center) - [0, 100, 0]]
     whole = page.page.evaluate(place % start)

@@ -252,7 +252,7 @@ def test_skipping_what_is_empty_changes_nothing_beside_a_cut(
     shown(page, view, Deformation((CASES[name],)))
     view.set_camera((-0.6, 0.7, 0.4))
     fast = page.pixels().astype(int)
-    page.page.evaluate(f"() => {{ {VIEW}.caster.skips = false; }}")
+    page.page.evaluate(f"() => {{ {VIEW}.caster.cells.skips = false; }}")
     slow = page.pixels().astype(int)
     assert (np.abs(fast - slow).max(axis=2) > 8).mean() < 3e-3
 
@@ -285,7 +285,7 @@ def test_a_drag_beside_a_cut_moves_the_volume_without_a_byte(page: LivePage) -> 
     page.add(editor, "editor")
     view.set_camera(PLANE.normal, [-c for c in PLANE.v])
     view.follow(editor, Deformation((step,)).field(GRID))
-    page.wait(f"{VIEW}.caster.planar?.cut")
+    page.wait(f"{VIEW}.caster.fields.planar?.cut")
     before, sent, messages = page.pixels(), view.stats()["field_bytes"], view.stats()["messages"]
     count = page.page.evaluate(f"{VIEW}.shownField.link.count")
     moved = step.points.move(step.points.ids[0], np.asarray(step.points.target[0]) - [6.0, 0.0])
@@ -299,12 +299,12 @@ def test_a_drag_beside_a_cut_moves_the_volume_without_a_byte(page: LivePage) -> 
     assert silhouette(before).sum() > silhouette(after).sum() + 50
     # A cut that is drawn anew in the page is followed as well; without cuts the bar is whole again.
     editor.cuts = []
-    page.wait(f"!{VIEW}.caster.planar.cut")
+    page.wait(f"!{VIEW}.caster.fields.planar.cut")
     whole = page.pixels()
     row = silhouette(whole)[SIZE[1] // 2]
     assert row[np.flatnonzero(row)[0] : np.flatnonzero(row)[-1]].all()
     editor.cuts = [Cut(Line(((float(MIDDLE[0]) - 8, -50.0), (float(MIDDLE[0]) - 8, 50.0))))]
-    page.wait(f"{VIEW}.caster.planar.cut")
+    page.wait(f"{VIEW}.caster.fields.planar.cut")
     again = page.pixels().astype(int)
     assert view.stats()["field_bytes"] == sent
     cut = Cut(Line(((float(MIDDLE[0]) - 8, -50.0), (float(MIDDLE[0]) - 8, 50.0))))

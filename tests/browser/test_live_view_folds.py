@@ -110,7 +110,7 @@ def test_what_does_not_fold_has_no_red_and_no_cost(page: LivePage) -> None:
     view.show_deformation(deformation)
     assert not red(page).any()
     assert expected(page, deformation)[on_matter(page)].min() > 0
-    programs = page.page.evaluate("() => Object.keys(document.querySelector('.dnb-view').deformnb.caster.programs)")
+    programs = page.page.evaluate("() => Object.keys(document.querySelector('.dnb-view').deformnb.caster.gpu.programs)")
     assert not any("FOLDS" in name for name in programs)
     assert page.page.locator(".dnb-badge").inner_text() == ""
 

@@ -38,6 +38,6 @@ def test_a_session_in_jupyterlab(lab: Lab, tab: Any) -> None:
     lab.open_notebook(tab, [SHOW])
     tab.wait_for_function(f"{VIEW}?.caster?.isReady", timeout=90_000)
     assert lab.run(tab, DEFORM) == ""
-    tab.wait_for_function(f"{VIEW}.caster.planar && {VIEW}.stats", timeout=60_000)
+    tab.wait_for_function(f"{VIEW}.caster.fields.planar && {VIEW}.stats", timeout=60_000)
     # What the page shows came by the kernel's messages, and its picture went back by them.
     assert lab.run(tab, LOOK).strip() == "(240, 320, 3) True True True True"

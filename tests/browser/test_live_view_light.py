@@ -166,7 +166,7 @@ def test_a_surface_between_voxels_is_lit_without_grain_at_rest_and_in_motion(bro
         np.array(
             page.page.evaluate(
                 """(coarseness) => {
-        const { loop } = document.querySelector(".dnb-view").deformnb, { gl } = loop.caster, size = 120;
+        const { loop } = document.querySelector(".dnb-view").deformnb, { gl } = loop.caster.gpu, size = 120;
         for (const p of loop.screen.pictures(size, size)) loop.caster.cast("coarse0", size, size, p, { coarseness });
         loop.caster.present("coarse0", 1);
         const bytes = new Uint8Array(4 * 240 * 240);

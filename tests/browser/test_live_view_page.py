@@ -116,7 +116,7 @@ def test_all_six_views_show_the_right_side_up(page: LivePage) -> None:
 # lamps. Ambient occlusion, which VTK has none of, is off.
 LIKE_VTK = {"composite": (3.0, 0.99), "mip": (4.0, 0.99), "shaded": (32.0, 0.85)}
 RAYS = """() => {
-  const { loop } = document.querySelector('.dnb-view').deformnb, { gl, targets } = loop.caster;
+  const { loop } = document.querySelector('.dnb-view').deformnb, { gl, targets } = loop.caster.gpu;
   loop.drawNow(4);
   const { width, height, buffer } = targets.full0, all = new Float32Array(4 * width * height);
   gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
@@ -192,7 +192,7 @@ def test_skipping_what_is_empty_changes_no_pixel(page: LivePage, name: str, proj
     view.set_camera((-0.6, 0.7, 0.4))
     fast = page.pixels().astype(int)
     fast_quick = quick(page)
-    page.page.evaluate("() => { document.querySelector('.dnb-view').deformnb.caster.skips = false; }")
+    page.page.evaluate("() => { document.querySelector('.dnb-view').deformnb.caster.cells.skips = false; }")
     slow = page.pixels().astype(int)
     # Positions of samples are sums of the same steps in float32: a few pixels at edges differ by rounding.
     assert (np.abs(fast - slow).max(axis=2) > 8).mean() < 2e-3
@@ -207,7 +207,7 @@ def quick(page: LivePage) -> np.ndarray:
         for (const p of loop.screen.pictures(width, height))
           caster.cast("coarse0", width, height, p, { coarseness: 1.6 });
         const found = new Float32Array(4 * width * height);
-        caster.gl.readPixels(0, 0, width, height, caster.gl.RGBA, caster.gl.FLOAT, found);
+        caster.gpu.gl.readPixels(0, 0, width, height, caster.gpu.gl.RGBA, caster.gpu.gl.FLOAT, found);
         return Array.from(found); }""")
     return np.reshape(values, (90, 120, 4))
 
@@ -397,7 +397,7 @@ def test_a_lost_context_comes_back_with_the_same_picture(page: LivePage) -> None
     view = opened(page)
     view.show_deformation(fields()["replicate"])
     before = page.pixels().astype(int)
-    page.page.evaluate("""() => { const { gl } = document.querySelector(".dnb-view").deformnb.caster;
+    page.page.evaluate("""() => { const { gl } = document.querySelector(".dnb-view").deformnb.caster.gpu;
         window.loss = gl.getExtension("WEBGL_lose_context"); window.loss.loseContext(); }""")
     page.wait(f"{DRAWN}?.drawn")
     assert "lost graphics context" in page.page.text_content(".dnb-volume .dnb-notice")
@@ -417,7 +417,7 @@ def test_twenty_views_one_after_the_other_leak_no_context(page: LivePage) -> Non
         page.wait_loaded()
     assert page.page.evaluate("document.querySelectorAll('canvas').length") == 1
     assert page.errors == []  # "Too many active WebGL contexts" is a warning of the 17th
-    assert page.page.evaluate("document.querySelector('.dnb-view').deformnb.caster.gl.isContextLost()") is False
+    assert page.page.evaluate("document.querySelector('.dnb-view').deformnb.caster.gpu.gl.isContextLost()") is False
 
 
 _EDITOR = """(state) => { makeModel("editor", state); }"""
@@ -524,7 +524,7 @@ def test_a_narrow_transfer_function_is_seen_without_bands(page: LivePage) -> Non
     whole = page.page.evaluate(f"{PAGE}.info.id")
     view.repack()
     # Until the new voxels are on the card the old ones keep their colours.
-    kept = page.page.evaluate(f"[{PAGE}.caster.volume.loaded, {PAGE}.caster.table.rgba[0]]")
+    kept = page.page.evaluate(f"[{PAGE}.caster.voxels.volume.loaded, {PAGE}.caster.voxels.table.rgba[0]]")
     assert kept == [True, pytest.approx(0.1)]
     page.wait(f"{PAGE}.info.id !== '{whole}' && {PAGE}.caster.isReady && !{PAGE}.voxels.loader")
     fine = page.pixels()

@@ -66,11 +66,12 @@ def column(image: np.ndarray) -> float:
 
 # The largest difference of what a picture of odd size is, put together of every 4th and every 2nd pixel, and at once.
 IN_QUARTERS = """() => {
-  const { loop } = document.querySelector('.dnb-view').deformnb, { caster } = loop, { gl } = caster, w = 121, h = 91;
+  const { loop } = document.querySelector('.dnb-view').deformnb, { caster } = loop, { gl } = caster.gpu;
+  const w = 121, h = 91;
   const pictures = loop.screen.pictures(w, h), size = (n, x, s) => Math.ceil((n - x * s / 2) / s);
   const read = (name) => {
     const all = new Float32Array(4 * w * h);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, caster.targets[name].buffer);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, caster.gpu.targets[name].buffer);
     gl.readPixels(0, 0, w, h, gl.RGBA, gl.FLOAT, all);
     return all;
   };

@@ -145,7 +145,7 @@ def test_the_body_follows_a_drag_without_a_field_from_python(shown: Any, page: L
     page.wait(f"{view}.shownField.spaceLink.count > 0 && {view}.shownField.spaceLink.awaited === null")
     page.wait_answered()
     assert here.view.stats()["messages"] == messages
-    nodes = page.page.evaluate(f"[...{view}.caster.givenSpace.shape]")
+    nodes = page.page.evaluate(f"[...{view}.caster.fields.space.shape]")
     assert max(nodes) == 32
     here.mouse.up()
     here.wait_settled()

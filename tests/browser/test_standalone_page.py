@@ -475,7 +475,7 @@ def test_a_cut_opens_without_a_kernel(browser: Any, tmp_path: Path) -> None:
     opened = Opened(browser, tmp_path / "page.html", (1280, 800), "")
     try:
         opened.wait_loaded()
-        opened.wait(f"{VIEW}.caster.planar?.cut")
+        opened.wait(f"{VIEW}.caster.fields.planar?.cut")
         closed = _lit(opened)
         moved = [
             {"id": int(editor.points.ids[k]), "target": (editor.points.target[k] + [9.0, 0.0]).tolist()} for k in right
@@ -512,7 +512,7 @@ def test_a_cut_that_stops_inside_is_in_the_page_as_the_core_has_warped_it(browse
     opened = Opened(browser, tmp_path / "page.html", (1280, 800), "")
     try:
         opened.wait_loaded()
-        opened.wait(f"{VIEW}.caster.planar?.cut")
+        opened.wait(f"{VIEW}.caster.fields.planar?.cut")
         image = opened.volume()
         size = (image.shape[1], image.shape[0])
         wanted, closed = (silhouette(still) for still in (view.still(size), np.asarray(plain)))

@@ -37,7 +37,7 @@ def test_no_two_constants_share_a_name() -> None:
 # Numbers of the front end that share a name with a constant of the package and mean something else.
 OTHERS = {
     ("ui/orientation_cube.ts", "FLAT"),  # a side of the cube that is seen from in front
-    ("webgl/raycaster.ts", "FINEST"),  # a power of two
+    ("webgl/voxel_textures.ts", "FINEST"),  # a power of two
     ("inputs/value_axes.ts", "FINEST"),  # a step of the axis
 }
 

@@ -84,13 +84,13 @@ export class LiveField {
 
   apply() {
     const { camera, caster, loop } = this.view;
-    if (!caster?.volume || !this.shown || !loop) return;
+    if (!caster?.voxels.volume || !this.shown || !loop) return;
     loop.apply(() => {
       const { shown } = this; // of then, which may be a newer one
-      if (!caster.volume || !shown) return;
-      caster.setPlanar(shown.planar);
-      caster.setSpace(shown.space);
-      caster.volume.box = camera.box;
+      if (!caster.voxels.volume || !shown) return;
+      caster.fields.setPlanar(shown.planar);
+      caster.fields.setSpace(shown.space);
+      caster.voxels.volume.box = camera.box;
       this.view.mark();
     });
   }
@@ -100,7 +100,7 @@ export class LiveField {
     if (this.shown) this.shown.planar = planar;
     else this.shown = { box: null, planar, space: null };
     this.apply();
-    if (!isDrawing && this.view.caster?.volume) this.view.touch(this.link.isMoving);
+    if (!isDrawing && this.view.caster?.voxels.volume) this.view.touch(this.link.isMoving);
   }
 
   /** The same for a displacement in space. */
@@ -108,7 +108,7 @@ export class LiveField {
     if (!this.shown) return;
     this.shown.space = space;
     this.apply();
-    if (!isMoving && this.view.caster?.volume) this.view.touch();
+    if (!isMoving && this.view.caster?.voxels.volume) this.view.touch();
   }
 
   #play(planar: PlanarField, isPlaying: boolean) {
@@ -130,7 +130,7 @@ export class LiveField {
     const { caster, loop } = this.view;
     if (!isMoving && loop?.movement.isHeld) loop.release();
     if (!isMoving) return;
-    if (loop && caster?.volume) this.view.touch(true);
+    if (loop && caster?.voxels.volume) this.view.touch(true);
     else this.catchUp();
   }
 

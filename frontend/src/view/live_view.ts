@@ -7,8 +7,9 @@ import { clipOf, isClipped } from "../maths/clipping.ts";
 import type { Model, Vector2 } from "../types.ts";
 import { setText } from "../ui/dom.ts";
 import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.ts";
-import { NOT_HELD, RayCaster } from "../webgl/raycaster.ts";
+import { RayCaster } from "../webgl/raycaster.ts";
 import type { Picture } from "../webgl/types.ts";
+import { NOT_HELD } from "../webgl/voxel_textures.ts";
 import { VolumeFrontEnd } from "./front_end.ts";
 import { LiveField } from "./live_field.ts";
 import { Movies } from "./movie_frames.ts";
@@ -177,9 +178,9 @@ export class LiveVolumeView extends VolumeFrontEnd {
     const { caster } = this;
     this.messages.send({
       type: "hello",
-      largest: caster?.largest ?? 0,
-      renderer: caster?.name ?? "",
-      software: caster?.isSoftware ?? true,
+      largest: caster?.gpu.largest ?? 0,
+      renderer: caster?.gpu.name ?? "",
+      software: caster?.gpu.isSoftware ?? true,
       background: this.elements.theme.name,
       ...(voxels > 0 && { voxels }),
     });
@@ -200,7 +201,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     if (this.closed) return;
     if (this.loop) this.loop.close();
     this.loop = null;
-    this.wasTooMuch = Boolean(this.caster?.volume && !this.caster.volume.loaded); // lost by the latest data
+    this.wasTooMuch = Boolean(this.caster?.voxels.volume && !this.caster.voxels.volume.loaded); // lost by the latest data
     this.fall("Drawn in Python until the lost graphics context comes back.");
   }
 
@@ -278,8 +279,8 @@ export class LiveVolumeView extends VolumeFrontEnd {
   setTable() {
     const bytes: Bytes | null = this.model.get("table");
     if (!this.caster || !bytes?.byteLength) return;
-    if (this.voxels.loader && this.caster.volume) return; // of voxels in flight: see upload
-    this.caster.setTable(floatsOf(bytes), this.model.get("unit"));
+    if (this.voxels.loader && this.caster.voxels.volume) return; // of voxels in flight: see upload
+    this.caster.voxels.setTable(floatsOf(bytes), this.model.get("unit"));
     this.touch();
   }
 

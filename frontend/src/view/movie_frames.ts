@@ -114,7 +114,7 @@ class MovieFrames {
       occlusion: looks.ambient_occlusion,
       clip: isClipped(looks.clip) ? looks.clip : null,
     });
-    this.caster.setTable(floatsOf(model.get("table")), model.get("unit"));
+    this.caster.voxels.setTable(floatsOf(model.get("table")), model.get("unit"));
     this.isReady = this.#load();
   }
 
@@ -125,7 +125,7 @@ class MovieFrames {
       new Promise<void>((resolve) => {
         setTimeout(resolve, 0);
       });
-    await this.caster.setVolume(values, volumeData(info), pause);
+    await this.caster.voxels.setVolume(values, volumeData(info), pause);
   }
 
   #pictures(width: number, height: number) {
@@ -144,11 +144,11 @@ class MovieFrames {
       const field = fieldOf(content, buffers, {}) as Field;
       this.seen.field = field;
       camera.read(true);
-      caster.setPlanar(field.planar);
-      caster.setSpace(field.space);
-      if (caster.volume) caster.volume.box = camera.box;
+      caster.fields.setPlanar(field.planar);
+      caster.fields.setSpace(field.space);
+      if (caster.voxels.volume) caster.voxels.volume.box = camera.box;
       this.loop.drawNow();
-      if (caster.gl.isContextLost()) throw new Error("the graphics card has given up");
+      if (caster.gpu.gl.isContextLost()) throw new Error("the graphics card has given up");
       const png = await new Promise((resolve: (blob: Blob | null) => void) => {
         this.canvas.toBlob(resolve, "image/png");
       });

@@ -240,7 +240,7 @@ class ShownLayers {
     const { caster, mixture } = this,
       name = this.#showing,
       over = mixture === null ? null : this.#over,
-      isQuick = caster.isSoftware && name?.startsWith("coarse");
+      isQuick = caster.gpu.isSoftware && name?.startsWith("coarse");
     caster.present(name, { parts: this.#parts, over, share: mixture ?? 0, isQuick });
   }
 }
@@ -367,9 +367,9 @@ export class FrameLoop {
     readonly catchUp: () => void,
   ) {
     this.screen = new ShownLayers(caster, pictures);
-    this.quick = new QuickScale(caster.isSoftware);
+    this.quick = new QuickScale(caster.gpu.isSoftware);
     this.full = new FullPlan(this.quick);
-    this.turns = new GpuTurns(caster.gl, () => this.#step());
+    this.turns = new GpuTurns(caster.gpu.gl, () => this.#step());
   }
 
   /** Draw soon, since something has changed. `held`: a finger or a button is still down. */
@@ -410,7 +410,7 @@ export class FrameLoop {
 
   #step() {
     const { caster, movement, turns } = this;
-    if (turns.isClosed || !caster.isReady || caster.gl.isContextLost()) return;
+    if (turns.isClosed || !caster.isReady || caster.gpu.gl.isContextLost()) return;
     const left = movement.left(this.options().settle);
     if (this.rush) this.#piece(this.rush);
     else if (this.isRequested) this.#quick();
@@ -531,7 +531,7 @@ export class FrameLoop {
   #finished(work: Work) {
     if (work.pass === 0) {
       this.times.full = work.spent;
-      const passes = this.caster.isSoftware ? SOFTWARE_PASSES : PASSES;
+      const passes = this.caster.gpu.isSoftware ? SOFTWARE_PASSES : PASSES;
       work.passes = (passes.find(([limit]) => work.spent < limit) ?? [0, 1])[1];
     }
     this.times.passes = work.pass + 1;

@@ -681,9 +681,10 @@ export class SpacePoints {
   }
 
   get body() {
-    const { values, info, field, caster } = this.view;
-    if (!values || !info || !caster?.table) return null;
-    return new Body({ values, info, field, table: caster.table.rgba, unit: caster.table.unit, clip: caster.clip });
+    const { values, info, field, caster } = this.view,
+      { rgba: table, unit } = caster?.voxels.table ?? {};
+    if (!values || !info || !table || !unit) return null;
+    return new Body({ values, info, field, table, unit, clip: caster?.clip });
   }
 
   // ---- edits --------------------------------------------------------------------------------------------------------

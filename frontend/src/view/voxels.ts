@@ -3,8 +3,9 @@
 import type { Chunk } from "../generated.ts";
 import type { Vector3 } from "../types.ts";
 import { buttonElement, pageElement } from "../ui/dom.ts";
-import { MemoryError, NOT_HELD, type RayCaster } from "../webgl/raycaster.ts";
+import type { RayCaster } from "../webgl/raycaster.ts";
 import type { VolumeData } from "../webgl/types.ts";
+import { MemoryError, NOT_HELD } from "../webgl/voxel_textures.ts";
 import type { Bytes, VolumeInfo } from "./types.ts";
 import type { ViewElements, ViewMessages } from "./view_elements.ts";
 import { VolumeLoader } from "./volume_loader.ts";
@@ -108,7 +109,7 @@ export class LiveVoxels {
       });
     let done = false;
     try {
-      const uploaded = caster.setVolume(values, volumeData(info), tick);
+      const uploaded = caster.voxels.setVolume(values, volumeData(info), tick);
       this.loader = null;
       view.setTable(); // now, for these voxels: once they are up it would be fitted to them a second time
       done = await uploaded;

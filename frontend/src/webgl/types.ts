@@ -66,7 +66,7 @@ export interface PlanarField extends Omit<PlanarData, "cut"> {
   cut: PlaneCut | null;
 }
 
-/** Backward displacement sampled in space, [z][y][x][3]; at cuts in half precision, see RayCaster.setSpace. */
+/** Backward displacement sampled in space, [z][y][x][3]; at cuts in half precision, see FieldTextures.setSpace. */
 export interface SpaceField extends SpaceData {
   values: Float32Array | Uint16Array;
   depths?: Float32Array | Uint16Array;
