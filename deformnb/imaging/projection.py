@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,15 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.checks import check_choice, finite_number, short_value
 from deformnb.errors import DeformError
-from deformnb.imaging.raycast import Faces, Layers, PerspectiveCamera, Shader, light_sampler
+from deformnb.imaging.raycast import (
+    Faces,
+    Layers,
+    PerspectiveCamera,
+    Shader,
+    corners_of_blocks,
+    light_sampler,
+    windows_of,
+)
 from deformnb.volume.channels import ChannelDisplay, ChannelsLike, as_channels
 from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Picture, Plane, Raster
@@ -55,11 +62,17 @@ class Projection:
 
 
 def _largest(layers: Layers, rows: slice) -> NDArray[Any]:
-    return reduce(np.maximum, (layers.values(k, rows) for k in range(layers.shape[0])))
+    found = layers.values(0, rows, slice(0, layers.shape[2]))
+    for k in range(1, layers.shape[0]):
+        height, width = layers.window(k, rows)
+        within = found[height.start - rows.start : height.stop - rows.start, width]
+        np.maximum(within, layers.values(k, height, width), out=within)
+    return found  # outside of the windows is background, the smallest value
 
 
 def _mean(layers: Layers, rows: slice) -> NDArray[Any]:
-    total = sum(layers.values(k, rows).astype(np.float64) for k in range(layers.shape[0]))
+    columns = slice(0, layers.shape[2])
+    total = sum(layers.values(k, rows, columns).astype(np.float64) for k in range(layers.shape[0]))
     return np.asarray(total / layers.shape[0], dtype=np.float32)
 
 
@@ -239,7 +252,7 @@ def _project_voxels(
     corner = plane.to_plane(volume.grid.corners(centres=True)).min(axis=0)
     raster = Raster((turned.shape[1], turned.shape[2]), (du, dv), (float(corner[0]), float(corner[1])))
     if shader is not None:
-        layers = Layers(turned.shape, (dn, dv, du), lambda k, rows: turned[k, rows])
+        layers = Layers(turned.shape, (dn, dv, du), lambda k, rows, columns: turned[k, rows, columns])
         values = _render(layers, shader.composite, progress)
     elif how.whole is not None:
         values = how.whole(turned)
@@ -299,7 +312,9 @@ def _project_lattice(
         )
         values = _light(volume, lattice, plane, shader, eye, progress)
     elif how.seen is not None:
-        layers = Layers.from_lattice(volume, lattice, plane, held=held, eye=eye)
+        blocks = corners_of_blocks(np.ones(volume.shape, bool), volume.grid)
+        windows = windows_of(blocks, lattice, plane, eye)
+        layers = Layers.from_lattice(volume, lattice, plane, held=held, eye=eye, windows=windows)
         values = _round(_render(layers, how.seen, progress), volume, how)
     else:
         depths = plane.to_plane(volume.grid.corners())[:, 2]
@@ -309,7 +324,7 @@ def _project_lattice(
         at = tuple(plane.from_plane([low[0], low[1], depth or 0.0]))
         one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=at)
         layers = Layers.from_lattice(volume if part is None else part.mask_outside(volume), one, plane, held=(whole,))
-        values = _round(layers.values(0, slice(0, lattice.shape[1])), volume, how)
+        values = _round(layers.values(0, slice(0, lattice.shape[1]), slice(0, lattice.shape[2])), volume, how)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0), volume.grid)
 
 
@@ -330,24 +345,17 @@ def _light(
 ) -> NDArray[np.float32]:
     """A picture by light, of which only the part is computed where something may be seen."""
     out = np.zeros((*lattice.shape[1:], 4), np.float32)
-    corners = shader.visible_box(volume)
-    if corners is None:
-        return out
-    places = plane.to_plane(corners)
-    if eye is not None:
-        places[:, :2] /= np.maximum(1 + places[:, 2:] / eye.distance, 1e-3)
-    index = (places - plane.to_plane(lattice.origin)) / lattice.spacing[0]
-    size = lattice.shape[::-1]
-    u, v, n = (
-        slice(*np.clip([math.floor(at.min()) - 1, math.ceil(at.max()) + 2], 0, most).tolist())
-        for at, most in zip(index.T, size, strict=True)
-    )
-    shape = n.stop - n.start, v.stop - v.start, u.stop - u.start
-    if min(shape):
-        seen = lattice.crop((n.start, v.start, u.start), shape)
+    windows = windows_of(shader.visible_blocks(volume), lattice, plane, eye)
+    (met,) = np.nonzero(windows[:, 1])
+    if len(met):
+        n = slice(int(met[0]), int(met[-1]) + 1)
+        (top, _, left, _), (_, bottom, _, right) = windows[met].min(axis=0), windows[met].max(axis=0)
+        seen = lattice.crop((n.start, int(top), int(left)), (n.stop - n.start, int(bottom - top), int(right - left)))
         held = (ClipBox.whole(volume.grid),) if shader.faces is None else ()
-        layers = Layers.from_lattice(volume, seen, plane, held=held, eye=eye, is_smooth=True)
-        out[v, u] = _render(layers, shader.composite, progress)
+        layers = Layers.from_lattice(
+            volume, seen, plane, held=held, eye=eye, is_smooth=True, windows=windows[n] - [top, top, left, left]
+        )
+        out[top:bottom, left:right] = _render(layers, shader.composite, progress)
     return out
 
 

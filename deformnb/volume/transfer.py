@@ -87,10 +87,20 @@ class TransferFunction:
 
     def __call__(self, values: ArrayLike) -> NDArray[np.float64]:
         """Red, green, blue and alpha (..., 4) of values (...)."""
+        return np.stack(self.channels(values), axis=-1)
+
+    def channels(self, values: ArrayLike) -> list[NDArray[np.float64]]:
+        """Red, green, blue and alpha of values, in one array each.
+
+        Examples
+        --------
+        >>> ramp = TransferFunction(((0, 0, 0, 0), (100, 1, 1, 1)), ((0, 0), (100, 0.5)))
+        >>> [part.tolist() for part in ramp.channels([50.0])]
+        [[0.5], [0.5], [0.5], [0.25]]
+        """
         v = np.asarray(values, dtype=np.float64)
         c, o = np.asarray(self.colors), np.asarray(self.opacities)
-        parts = [np.interp(v, c[:, 0], c[:, k]) for k in (1, 2, 3)]
-        return np.stack([*parts, np.interp(v, o[:, 0], o[:, 1])], axis=-1)
+        return [*(np.interp(v, c[:, 0], c[:, k]) for k in (1, 2, 3)), np.interp(v, o[:, 0], o[:, 1])]
 
     def knots(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The nodes of colours and opacities together: linear interpolation between them is the function itself.

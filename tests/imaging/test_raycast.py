@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deformnb.imaging.projection import plane_lattice, project
-from deformnb.imaging.raycast import Layers, PerspectiveCamera
+from deformnb.imaging.raycast import Layers, PerspectiveCamera, windows_of
 from deformnb.volume.clip import ClipBox, check_clip
 from deformnb.volume.plane import VIEWS, Picture, Plane
 from deformnb.volume.transfer import TransferFunction
@@ -156,10 +156,49 @@ def test_samples_have_the_value_at_their_places(eye: PerspectiveCamera | None) -
     assert layers.places is not None
     compared = 0
     for depth in (5, lattice.shape[0] // 2):
-        found = layers.values(depth, rows)
+        found = layers.values(depth, rows, slice(0, lattice.shape[2]))
         v, u = (axis.ravel() for axis in np.indices(found.shape))
         index = GRID.point_to_index(plane.from_plane(np.stack(layers.places(depth, v + rows.start, u), axis=-1)))
         inside = ((index > 0) & (index < np.array(GRID.shape[::-1]) - 1)).all(axis=1)
         np.testing.assert_allclose(found.ravel()[inside], (index @ [3.0, -2.0, 0.5])[inside], atol=1e-4)
         compared += inside.sum()
     assert compared > 50
+
+
+@pytest.mark.parametrize("eye", [None, PerspectiveCamera(60.0, 41.0, 41.0), PerspectiveCamera(9.0, 9.0, 9.0)])
+@pytest.mark.parametrize("method", ["mip", "composite", "shaded"])
+def test_places_that_are_not_sampled_change_no_picture(
+    method: str, eye: PerspectiveCamera | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    k, j, i = np.indices(GRID.shape)
+    values = np.where((i - 13) ** 2 + (j - 4) ** 2 + (k - 2) ** 2 < 30, 200, -i).astype(np.int16)  # at two sides
+    volume, plane = Volume(values, GRID), Plane.from_normal(GRID.center, (0.3, 1.0, -0.2))
+    found = project(volume, plane, method, transfer=SOLID, spacing=0.7, eye=eye).values
+    sampled = []
+
+    def all_of(blocks: np.ndarray, lattice: Grid, *where: object) -> np.ndarray:
+        windows = windows_of(blocks, lattice, *where)
+        sampled.append(((windows[:, 1] - windows[:, 0]) * (windows[:, 3] - windows[:, 2])).sum() / lattice.size)
+        return np.tile([0, lattice.shape[1], 0, lattice.shape[2]], (lattice.shape[0], 1))
+
+    monkeypatch.setattr("deformnb.imaging.projection.windows_of", all_of)
+    whole = project(volume, plane, method, transfer=SOLID, spacing=0.7, eye=eye).values
+    np.testing.assert_allclose(found, whole, atol=1e-3)  # of the numbers of places too, which round otherwise
+    assert 0 < sampled[0] < 1
+
+
+def test_the_voxel_at_a_side_continues_for_half_a_voxel() -> None:
+    volume = Volume(np.full(GRID.shape, 7, np.uint8), GRID)
+    plane = Plane.from_view(GRID, "+y")
+    lattice = plane_lattice(GRID, plane, 0.25)
+    for held, reach in (((), 1.0), ((ClipBox.whole(GRID),), 0.5)):
+        layers = Layers.from_lattice(volume, lattice, plane, held=held)
+        tall, wide = lattice.shape[1:]
+        v, u = (axis.ravel() for axis in np.indices((tall, wide)))
+        assert layers.places is not None
+        for depth in (0, lattice.shape[0] // 2, lattice.shape[0] - 1):
+            found = layers.values(depth, slice(0, tall), slice(0, wide)).ravel()
+            index = GRID.point_to_index(plane.from_plane(np.stack(layers.places(depth, v, u), axis=-1)))
+            beyond = np.maximum(-index, index - (np.array(GRID.shape[::-1]) - 1)).max(axis=1)
+            assert (found[beyond < reach - 1e-4] == 7).all()
+            assert (found[beyond > reach + 1e-4] == volume.background).all()

@@ -32,7 +32,7 @@ from deformnb.widgets.textures import MAP_SIZE
 from deformnb.widgets.vtk.folds import Folding
 from deformnb.widgets.vtk.scene import VtkScene
 
-_PREVIEW_VOXELS = 128**3  # take 0.3 s on two processors, with this share of the pixels: a cell waits for its preview
+_PREVIEW_VOXELS = 128**3  # take a processor 0.15 to 0.3 s, with this share of the pixels: a cell waits for its preview
 
 
 @dataclass(frozen=True, eq=False)
