@@ -11,9 +11,6 @@ const MOST_METHODS = 30,
   MOST_NAMES = 12; // that a part uses of the editor
 
 // What is larger: these figures only fall.
-const LARGE_CLASSES = {
-  "sync/edits.ts:Sender": [31, 22],
-};
 const LARGE_INTERFACES = {
   KeysEditor: 16,
   NodesEditor: 14,
@@ -100,10 +97,9 @@ function frontEnd() {
 function* faults({ classes, interfaces }) {
   const byName = new Map(Object.entries(classes).map(([name, found]) => [name.split(":")[1], found]));
   for (const [name, { methods, attributes, given, forwards }] of Object.entries(classes)) {
-    const [most, mostAttributes] = LARGE_CLASSES[name] ?? [MOST_METHODS, MOST_ATTRIBUTES];
-    if (methods > most || attributes > mostAttributes)
-      yield `${name} has ${methods} methods and ${attributes} attributes, at most ${most} and ${mostAttributes}: ` +
-        "let it hold parts, each of which has the few things that it uses";
+    if (methods > MOST_METHODS || attributes > MOST_ATTRIBUTES)
+      yield `${name} has ${methods} methods and ${attributes} attributes, at most ${MOST_METHODS} and ` +
+        `${MOST_ATTRIBUTES}: let it hold parts, each of which has the few things that it uses`;
     for (const method of forwards) yield `${name}.${method} only forwards: let the caller hold the part`;
     const own = name.split(":")[1];
     for (const owner of given.filter((type) => byName.get(type)?.makes.includes(own)))
@@ -113,11 +109,6 @@ function* faults({ classes, interfaces }) {
   for (const [name, count] of Object.entries(interfaces)) {
     const most = LARGE_INTERFACES[name] ?? MOST_NAMES;
     if (count > most) yield `${name} names ${count} parts, at most ${most}: divide it`;
-  }
-  for (const [name, most] of Object.entries(LARGE_CLASSES)) {
-    const { methods, attributes } = classes[name] ?? { methods: 0, attributes: 0 };
-    if (methods <= MOST_METHODS && attributes <= MOST_ATTRIBUTES)
-      yield `${name} needs no row (${most}) in LARGE_CLASSES any more`;
   }
   for (const name of Object.keys(LARGE_INTERFACES))
     if (!(interfaces[name] > MOST_NAMES)) yield `${name} needs no row in LARGE_INTERFACES any more`;

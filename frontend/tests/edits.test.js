@@ -150,7 +150,7 @@ function worldOf(seed, { delay = 50, service = 20, isPythons = false } = {}) {
     buttons();
     sender.listen((what) => {
       if (what === "points") win.shown.push(firsts(sender.points));
-      if (what === "status") win.status.push(sender.status);
+      if (what === "status") win.status.push(sender.channel.status);
       buttons();
     });
     win.model.on("change:history", buttons);
@@ -330,7 +330,7 @@ for (const [kernel, wanted] of [
     sender.edit(sender.points.slice(1), "remove");
     w.queue = w.queue.filter((event) => event.at === w.now + 2000); // the answer never comes, but time goes on
     w.finish();
-    sender.done(sender.seq);
+    sender.channel.done(sender.channel.seq);
     assert.deepEqual(status, wanted);
   });
 }
@@ -352,14 +352,14 @@ for (const [name, wanted] of Object.entries(GREETED)) {
     const shown = { none: null, unknown: undefined },
       kernel = { status: first };
     model.widget_manager = { kernel: first in shown ? shown[first] : kernel };
-    sender.greet();
-    sender.greet();
+    sender.channel.greet();
+    sender.channel.greet();
     w.until(w.now + 9000);
     if (first === "busy") assert.deepEqual(status, []);
-    if (then === "answered") sender.done(0);
+    if (then === "answered") sender.channel.done(0);
     kernel.status = "idle";
     w.until(w.now + 9000);
-    sender.done(0);
+    sender.channel.done(0);
     w.until(w.now + 9000);
     assert.deepEqual(sent, name === "unknown" ? [] : ["greet"]);
     assert.deepEqual(status.filter(Boolean), wanted);

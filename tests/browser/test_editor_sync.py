@@ -225,7 +225,7 @@ def test_a_drag_that_is_given_up_ends_where_it_began_for_python_too(
 def test_a_busy_kernel_is_said_until_it_answers(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     page.drag(points.target[0], (10, 5))
-    page.wait(f"{PAGE}.sender.isAnswered")
+    page.wait(f"{PAGE}.sender.channel.isAnswered")
     pressed(page, points.target[4], (20, 10))
     page.page.mouse.up()  # the answer stays in the outbox
     page.page.wait_for_selector(TIP, timeout=60_000)
@@ -276,7 +276,7 @@ def test_two_windows_and_a_new_one_show_what_python_has(opened: Any, picture: Pi
     third = opened(editor)
     for page in (first, second, third):
         assert page.js(f"{PAGE}.points.list.map((p) => p.target)") == wanted
-    assert set(editor.seen) == {page.js(f"{PAGE}.sender.id") for page in (first, second)}
+    assert set(editor.seen) == {page.js(f"{PAGE}.sender.channel.id") for page in (first, second)}
 
 
 def test_what_waits_is_sent_when_the_editor_is_closed(opened: Any, picture: Picture, points: ControlPoints) -> None:

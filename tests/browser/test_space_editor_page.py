@@ -259,7 +259,7 @@ def test_escape_gives_a_drag_up(opened: Callable[..., Opened]) -> None:
     here.mouse.move(x, y)
     here.mouse.down()
     here.mouse.move(x + 30, y, steps=4)
-    here.page.wait(f"{PAGE}.sender.waiting.move.size === 0")
+    here.page.wait(f"{PAGE}.sender.channel.waiting.move.size === 0")
     here.page.page.keyboard.press("Escape")
     here.mouse.up()
     here.wait_settled()

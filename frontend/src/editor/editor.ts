@@ -161,7 +161,7 @@ export class EditorView extends EditorDrawing {
       ignore();
       bus.removeEventListener("deformnb:points", moved);
     });
-    sender.greet();
+    sender.channel.greet();
   }
 
   #followPage() {

@@ -33,7 +33,7 @@ export class Messages {
     for (const timer of [this.#tipTimer, this.#alertTimer]) clearTimeout(timer);
   }
 
-  showStatus({ status }: Sender) {
+  showStatus({ channel: { status } }: Sender) {
     const text = NO_ANSWER[status];
     if (text) this.hint(text, FINAL.has(status) ? LONGEST_TIMER : 8000);
     else if (Object.values(NO_ANSWER).includes(this.tip.textContent)) this.tip.hidden = true;

@@ -174,7 +174,7 @@ export class SpaceEditorView extends EditorDrawing {
     const moved = (event: CustomEvent<PointsDetail>) => frames.guard(() => edits.receiveMove(event.detail));
     bus.addEventListener("deformnb:points", moved);
     this.#ends.push(() => bus.removeEventListener("deformnb:points", moved));
-    sender.greet();
+    sender.channel.greet();
     const news = {
       points: () => edits.receive(),
       status: () => messages.showStatus(sender),

@@ -45,41 +45,145 @@ export const CLOCK: Clock = {
   cancel: (id) => clearTimeout(id),
 };
 
-export class Sender {
-  id: string;
+/** Numbered messages to Python and their answers, also of a kernel that does not answer. */
+class EditChannel {
+  readonly id = newId();
   seq = 0; // number of the last message
-  last = 0; // number of the last message that Python has to have seen before its values are taken
-  lastAt = -Infinity;
-  points: Point[] = [];
-  shapes: Shapes;
-  nextId = 0;
-  models: { model: Model; handlers: Record<string, ModelHandler> }[] = [];
-  listeners = new Set<(what: Change) => void>();
-  history: History<State>;
-  waiting: Record<"move" | "end", Set<number>>;
-  pending: {
-    move: { points: Point[]; part?: MovedPart } | null;
-    end: { kind: PointsEdit["kind"]; joins: boolean; points: Point[] } | null;
-  };
+  /** Numbers of the messages in flight */
+  readonly waiting: Record<"move" | "end", Set<number>> = { move: new Set(), end: new Set() };
   status = ""; // "", "busy", "unanswered", "detached" or "lost"
   isAnswered = false;
   isCut = false;
+  #isGreeted = false;
+  #timer = 0;
+  #greeting = 0;
+
+  /**
+   * @param model returns the model that sends the messages
+   * @param events `changed` is called with another status, `next` when there may be room for messages
+   */
+  constructor(
+    readonly clock: Clock,
+    readonly model: () => Model | undefined,
+    readonly events: { changed: () => void; next: () => void },
+  ) {}
+
+  close() {
+    for (const timer of [this.#timer, this.#greeting]) this.clock.cancel(timer);
+  }
+
+  /** Whether a message may be sent: to a busy kernel one end, and no movements. */
+  hasRoom(group: "move" | "end") {
+    const most = this.status === "" ? MOST_IN_FLIGHT : group === "end" ? 1 : 0;
+    return this.waiting[group].size < most;
+  }
+
+  /** Take the answer to a message. */
+  done(seq: number, sender: string = this.id) {
+    if (sender !== this.id) return; // another window's
+    this.waiting.move.delete(seq);
+    this.waiting.end.delete(seq);
+    this.isAnswered = true;
+    this.isCut = false;
+    this.#setStatus("");
+    this.events.next();
+  }
+
+  send(group: "move" | "end", content: Without<Exclude<EditorToPython, WandRequest>, "sender" | "seq">) {
+    this.seq += 1;
+    this.waiting[group].add(this.seq);
+    this.clock.cancel(this.#timer);
+    this.#timer = this.clock.later(() => this.#unanswered(), LOST_AFTER);
+    try {
+      this.model()?.send({ ...content, sender: this.id, seq: this.seq });
+    } catch (error) {
+      // the connection is closed
+      console.warn("an edit could not be sent:", error);
+      this.isCut = true;
+      this.#setStatus("lost");
+    }
+  }
+
+  // Sent edits are not sent again: they will be answered late, or never. Pending ones are sent.
+  #unanswered() {
+    const { move, end } = this.waiting;
+    if (move.size + end.size === 0) return;
+    move.clear();
+    end.clear();
+    this.#setStatus(this.isCut ? "lost" : this.isAnswered ? "busy" : "unanswered");
+    if (this.status === "unanswered") this.#timer = this.clock.later(() => this.#reportDetached(), LOST_AFTER);
+    this.events.next();
+  }
+
+  /** The kernel of a Jupyter front end, null where it is dead; undefined of other hosts. */
+  get #kernel(): { status: string } | null | undefined {
+    return (this.model()?.widget_manager as { kernel?: { status: string } | null } | undefined)?.kernel;
+  }
+
+  // anywidget gives a model two seconds to load its module. On a busy machine, as when a notebook is loaded again, that
+  // is too short, and then it drops all messages to the model, for good, although the model is shown and can send.
+  #reportDetached() {
+    if (!this.isAnswered && this.#kernel?.status === "idle") this.#setStatus("detached");
+  }
+
+  /**
+   * Send a first message when a view opens: where no reply follows, that must be seen before anything is edited. A busy
+   * kernel replies later; an idle one never will.
+   */
+  greet() {
+    if (this.isAnswered || this.#isGreeted || this.#kernel === undefined) return;
+    this.#isGreeted = true;
+    try {
+      this.model()?.send({ type: "greet", sender: this.id, seq: 0 } satisfies Greeting);
+    } catch {
+      this.isCut = true;
+    }
+    this.#expectAnswer();
+  }
+
+  #expectAnswer() {
+    if (this.isAnswered) return;
+    if (this.isCut || this.#kernel === null) {
+      this.#setStatus("lost");
+      return;
+    }
+    this.#greeting = this.clock.later(() => {
+      this.#reportDetached();
+      this.#expectAnswer();
+    }, LOST_AFTER);
+  }
+
+  #setStatus(status: string) {
+    if (status === this.status && status !== "lost") return; // a loss is reported for each edit
+    this.status = status;
+    this.events.changed();
+  }
+}
+
+/** The points, cuts and parts of an editor, as all of its views in a window share them. */
+export class Sender {
+  readonly channel: EditChannel;
+  last = 0; // number of the last message that Python has to have seen before its values are taken
+  lastAt = -Infinity;
+  points: Point[] = [];
+  shapes: Shapes = { cuts: [], parts: [] };
+  nextId = 0;
+  models: { model: Model; handlers: Record<string, ModelHandler> }[] = [];
+  listeners = new Set<(what: Change) => void>();
+  history: History<State> = new History();
+  pending: {
+    move: { points: Point[]; part?: MovedPart } | null;
+    end: { kind: PointsEdit["kind"]; joins: boolean; points: Point[] } | null;
+  } = { move: null, end: null };
   /** Measurements of a view during a drag, sent with its end */
   drawn: PointsEdit["drawn"] | null = null;
   steps: { seq: number; what: string }[] = [];
 
   #isFilled = false; // whether points have been received
-  #isGreeted = false;
-  #timer = 0;
-  #greeting = 0;
 
   constructor(readonly clock: Clock = CLOCK) {
-    this.id = newId();
-    this.shapes = { cuts: [], parts: [] };
-    this.history = new History();
-    /** Numbers of the messages in flight */
-    this.waiting = { move: new Set(), end: new Set() };
-    this.pending = { move: null, end: null };
+    const events = { changed: () => this.#notify("status"), next: () => this.#next() };
+    this.channel = new EditChannel(clock, () => this.model, events);
   }
 
   // ---- models and listeners -----------------------------------------------------------------------------------------
@@ -96,10 +200,10 @@ export class Sender {
         this.#notify("history");
       },
       "msg:custom": (message) => {
-        if (message?.type === "done") this.done(message.seq, message.sender);
+        if (message?.type === "done") this.channel.done(message.seq, message.sender);
       },
       comm_live_update: () => {
-        this.isCut = true;
+        this.channel.isCut = true;
       },
     };
     for (const [name, handler] of Object.entries(handlers)) model.on(name, handler);
@@ -113,11 +217,11 @@ export class Sender {
     this.flush();
     for (const [name, handler] of Object.entries(held.handlers)) model.off(name, handler);
     this.models.splice(this.models.indexOf(held), 1);
-    if (this.models.length === 0) for (const timer of [this.#timer, this.#greeting]) this.clock.cancel(timer);
+    if (this.models.length === 0) this.channel.close();
   }
 
   /**
-   * Call a listener after changes of the points or of `status`, or ("history") when other steps may be undone although
+   * Call a listener after changes of the points or of the status, or ("history") when other steps may be undone although
    * all of that is the same: a step was requested, or Python has seen it. Returns the function that ends it.
    */
   listen(listener: (what: Change) => void) {
@@ -133,7 +237,7 @@ export class Sender {
 
   /** Whether Python's values are older than ours. */
   isBehind(model = this.model) {
-    return this.pending.end !== null || (model?.get("seen")?.[this.id] ?? 0) < this.last;
+    return this.pending.end !== null || (model?.get("seen")?.[this.channel.id] ?? 0) < this.last;
   }
 
   receive(isNews = false, model = this.model) {
@@ -159,17 +263,6 @@ export class Sender {
     const held = this.shapes[what],
       clean = cleanShapes(model.get(what), what, held);
     return sameShapes(clean, held) ? held : clean;
-  }
-
-  /** Take the answer to a message. */
-  done(seq: number, sender: string = this.id) {
-    if (sender !== this.id) return; // another window's
-    this.waiting.move.delete(seq);
-    this.waiting.end.delete(seq);
-    this.isAnswered = true;
-    this.isCut = false;
-    this.#setStatus("");
-    this.#next();
   }
 
   // ---- to Python ----------------------------------------------------------------------------------------------------
@@ -200,8 +293,8 @@ export class Sender {
   /** Send the shape that is chosen; with a copy of it, for Python's lists may have changed meanwhile. */
   choose(chosen: Pick<ShapeChoice, "what" | "index" | "shape"> | null) {
     this.flush();
-    this.last = this.seq + 1;
-    this.#send("end", { type: "choose", what: null, ...chosen });
+    this.last = this.channel.seq + 1;
+    this.channel.send("end", { type: "choose", what: null, ...chosen });
   }
 
   /** Send points during a drag, or a rigid part being moved and the points with it. */
@@ -230,14 +323,14 @@ export class Sender {
 
   // The steps of this window that Python's history does not have yet: "edit", "undo" or "redo", oldest first.
   #unseen() {
-    const seen = this.model?.get("seen")?.[this.id] ?? 0;
+    const seen = this.model?.get("seen")?.[this.channel.id] ?? 0;
     this.steps = this.steps.filter(({ seq }) => seq > seen);
     return [...this.steps.map(({ what }) => what), ...(this.pending.end ? ["edit"] : [])];
   }
 
   /** Note that the next message changes what can be undone: until Python has seen it, we are ahead of it. */
   #counted(what: string) {
-    this.last = this.seq + 1;
+    this.last = this.channel.seq + 1;
     this.steps.push({ seq: this.last, what });
   }
 
@@ -255,7 +348,7 @@ export class Sender {
       this.flush();
       this.#counted(way);
       this.lastAt = this.clock.now();
-      this.#send("end", { type: "history", way });
+      this.channel.send("end", { type: "history", way });
       this.#notify("history");
     }
     return true;
@@ -271,7 +364,7 @@ export class Sender {
     if (!end) return;
     this.#counted("edit");
     this.drawn = null; // sent once
-    this.#send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end, ...(drawn && { drawn }) });
+    this.channel.send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end, ...(drawn && { drawn }) });
   }
 
   #leave(points: Point[], kind: PointsEdit["kind"], joins: boolean) {
@@ -299,7 +392,14 @@ export class Sender {
     this.#counted("edit");
     const others = points === this.points ? {} : { points };
     this.#take(points, { ...this.shapes, [what]: cleanShapes(shapes, what, this.shapes[what]) });
-    this.#send("end", { type: "shapes", what, kind, shapes: this.shapes[what], ...others, ...(joins && { joins }) });
+    this.channel.send("end", {
+      type: "shapes",
+      what,
+      kind,
+      shapes: this.shapes[what],
+      ...others,
+      ...(joins && { joins }),
+    });
   }
 
   #take(points: Point[], shapes: Shapes = this.shapes) {
@@ -310,86 +410,14 @@ export class Sender {
   }
 
   #next() {
-    const { pending, waiting } = this,
-      isBusy = this.status !== "";
-    if (pending.end && waiting.end.size < (isBusy ? 1 : MOST_IN_FLIGHT)) this.flush();
-    if (pending.move && !isBusy && waiting.move.size < MOST_IN_FLIGHT) {
+    const { channel, pending } = this,
+      canMove = channel.hasRoom("move");
+    if (pending.end && channel.hasRoom("end")) this.flush();
+    if (pending.move && canMove) {
       const moved = pending.move;
       pending.move = null;
-      this.#send("move", { type: "edit", phase: "move", kind: "move", joins: false, ...moved });
+      this.channel.send("move", { type: "edit", phase: "move", kind: "move", joins: false, ...moved });
     }
-  }
-
-  #send(group: "move" | "end", content: Without<Exclude<EditorToPython, WandRequest>, "sender" | "seq">) {
-    this.seq += 1;
-    this.waiting[group].add(this.seq);
-    this.clock.cancel(this.#timer);
-    this.#timer = this.clock.later(() => this.#unanswered(), LOST_AFTER);
-    try {
-      this.model?.send({ ...content, sender: this.id, seq: this.seq });
-    } catch (error) {
-      // the connection is closed
-      console.warn("an edit could not be sent:", error);
-      this.isCut = true;
-      this.#setStatus("lost");
-    }
-  }
-
-  // ---- a kernel that does not answer --------------------------------------------------------------------------------
-
-  // Sent edits are not sent again: they will be answered late, or never. Pending ones are sent.
-  #unanswered() {
-    const { move, end } = this.waiting;
-    if (move.size + end.size === 0) return;
-    move.clear();
-    end.clear();
-    this.#setStatus(this.isCut ? "lost" : this.isAnswered ? "busy" : "unanswered");
-    if (this.status === "unanswered") this.#timer = this.clock.later(() => this.#reportDetached(), LOST_AFTER);
-    this.#next();
-  }
-
-  /** The kernel of a Jupyter front end, null where it is dead; undefined of other hosts. */
-  get #kernel(): { status: string } | null | undefined {
-    return (this.model?.widget_manager as { kernel?: { status: string } | null } | undefined)?.kernel;
-  }
-
-  // anywidget gives a model two seconds to load its module. On a busy machine, as when a notebook is loaded again, that
-  // is too short, and then it drops all messages to the model, for good, although the model is shown and can send.
-  #reportDetached() {
-    if (!this.isAnswered && this.#kernel?.status === "idle") this.#setStatus("detached");
-  }
-
-  /**
-   * Send a first message when a view opens: where no reply follows, that must be seen before anything is edited. A busy
-   * kernel replies later; an idle one never will.
-   */
-  greet() {
-    if (this.isAnswered || this.#isGreeted || this.#kernel === undefined) return;
-    this.#isGreeted = true;
-    try {
-      this.model?.send({ type: "greet", sender: this.id, seq: 0 } satisfies Greeting);
-    } catch {
-      this.isCut = true;
-    }
-    this.#expectAnswer();
-  }
-
-  #expectAnswer() {
-    if (this.isAnswered) return;
-    if (this.isCut || this.#kernel === null) {
-      this.#setStatus("lost");
-      return;
-    }
-    this.#greeting = this.clock.later(() => {
-      this.#reportDetached();
-      this.#expectAnswer();
-    }, LOST_AFTER);
-  }
-
-  #setStatus(status: string) {
-    if (status === this.status && status !== "lost") return; // a loss is reported for each edit
-    this.status = status;
-    this.#notify("status");
   }
 
   #notify(what: Change) {

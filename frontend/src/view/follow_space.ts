@@ -62,7 +62,7 @@ export class SpaceLink {
     this.editor = editor;
     this.bus = bus;
     this.followed.hear(bus, "deformnb:points", ({ detail }) => this.moved(detail));
-    this.view.follows(senderOf(bus, editor).id);
+    this.view.follows(senderOf(bus, editor).channel.id);
   }
 
   /** The field to show when Python has sent one: that of points changed since is sampled here. */
