@@ -24,6 +24,7 @@ export type BrushEditor = EditorParts<"model" | "frames" | "messages" | "stage" 
 
 /** A brush in use, its circle and its bar. */
 export class Brush {
+  readonly advice = "Drag in the picture; [ and ] or the wheel change the circle; Esc ends";
   tool: string | null = null;
   /** The place of the circle in CSS pixels. */
   at: Vector2 | null = null;

@@ -342,12 +342,13 @@ export class EditorView extends EditorDrawing {
     const { layers, map, model, points, stage, tools, viewport } = this.parts,
       { reach } = map;
     const radius = model.get("show_radius") ? reach : 0,
-      isLost = tools.shapes.draw();
+      lost = [tools.shapes, tools.parts].filter((tool) => tool.draw());
     layers.handles.suspects = new Set(model.get("marked") ?? []);
     layers.nodes.update(fit);
     const shown = layers.nodes.magnify(points.list),
       marks = (p: Point) => tools.shapes.markOf(p);
-    if (layers.handles.update(shown, points.selected, viewport.view, radius, reach, marks) || isLost) stage.focus();
+    if (layers.handles.update(shown, points.selected, viewport.view, radius, reach, marks) || lost.length)
+      stage.focus();
     layers.marks.update({
       mirror: tools.points.mirror.state,
       view: viewport.view,

@@ -7,6 +7,8 @@ import type { EditorParts } from "./parts.ts";
 /** A tool that is switched on and off. */
 interface HeldTool {
   readonly isOn: boolean;
+  /** What to do next with it. */
+  readonly advice?: string;
   stop(): boolean;
   /** The gesture that a press begins, or null. */
   grab(at: Vector2, isFinger: boolean): Gesture | null;
@@ -63,6 +65,13 @@ export class Modes {
   get activeTool(): HeldTool | undefined {
     const { pen, brush, wand, window } = this.editor.tools;
     return [pen, brush, wand, window].find(({ isOn }) => isOn);
+  }
+
+  /** What to do next in this mode; "" where nothing is special. */
+  get advice() {
+    if (this.isSelecting) return "Drag a band, or tap points; a second tap takes one out; Esc ends";
+    if (this.isAdding) return "Press on a feature and drag it, or click to set a point; Esc ends";
+    return this.activeTool?.advice ?? "";
   }
 
   /** Cancel the pen's drawing, or switch the active tool off; false where there is none. */

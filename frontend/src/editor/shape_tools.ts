@@ -59,6 +59,7 @@ export type PenEditor = EditorParts<"frames" | "messages" | "stage" | "viewport"
 
 /** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
 export class Pen {
+  readonly advice = "Backspace takes the last place back, Esc gives up";
   endedAt = -Infinity;
   draft: PenDraft | null = null;
   /** Places of a stroke from where the pointer went down. */
@@ -270,7 +271,7 @@ const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
 /** Dependencies of the tools on the editor. */
 export type ShapeEditor = EditorParts<
   "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
-  "parts" | "pen" | "points",
+  "pen" | "points",
   never,
   "names"
 >;
@@ -309,7 +310,7 @@ export class ShapeTools {
       sideKey: (a, b) => sidesKey(regions, a, b),
     });
     this.handles.showDraft(editor.tools.pen.draft ?? this.#offeredDraft, editor.viewport.view);
-    return editor.tools.parts.draw() || isLost;
+    return isLost;
   }
 
   /** The mark of a point: that of the region of its source; null where no cut parts the picture. */

@@ -20,7 +20,7 @@ const VALUE_TIP =
 /** Dependencies of the line on the editor. */
 export type StatusEditor = EditorParts<
   "model" | "stage" | "viewport" | "points" | "map" | "picture",
-  "brush" | "pen" | "wand" | "parts" | "modes" | "foldStop" | "shapes",
+  "parts" | "modes" | "foldStop" | "shapes",
   "nodes"
 >;
 
@@ -170,29 +170,20 @@ export class StatusLine {
     );
   }
 
-  /** Advice on the next step, where there are no remarks. */
+  /**
+   * Advice on the next step, where there are no remarks. Two lines of the narrowest pane have 76 characters; the rest is
+   * in the list of keys.
+   */
   #advice() {
     const {
       points: { list: points, selected },
       model,
-      tools: {
-        brush,
-        pen,
-        wand,
-        modes: { isSelecting },
-        shapes: shapeTools,
-        parts: partTools,
-      },
+      tools: { modes, shapes: shapeTools, parts: partTools },
       layers: { nodes: gridNodes },
     } = this.editor;
     if (model.get("read_only")) return "These points are shown only";
     const start = this.#isUntouched ? "Double-click adds a point. " : "";
-    // Two lines of the narrowest pane: 76 characters. The rest is in the list of keys.
-    if (brush.isOn) return "Drag in the picture; [ and ] or the wheel change the circle; Esc ends";
-    if (wand.isOn) return "Click on what is to be selected; [ and ] change the tolerance; Esc ends";
-    if (isSelecting) return "Drag a band, or tap points; a second tap takes one out; Esc ends";
-    if (this.editor.tools.modes.isAdding) return "Press on a feature and drag it, or click to set a point; Esc ends";
-    if (pen.isOn) return "Backspace takes the last place back, Esc gives up";
+    if (modes.advice) return modes.advice;
     if (shapeTools.choice.isSide) return "The hatched half stays fixed. The arrows on the line swap the sides";
     if (partTools.isOn) return "Drag the inside to move it, the ring to turn it, the cross to set its pivot";
     if (shapeTools.choice.canStop) return "Drag a corner, or an edge; double-click an end to stop the cut there";

@@ -37,6 +37,7 @@ export type WandEditor = EditorParts<
 >;
 
 export class Wand {
+  readonly advice = "Click on what is to be selected; [ and ] change the tolerance; Esc ends";
   outline: Outline;
   bar: OptionBar;
   rule: HTMLSelectElement;

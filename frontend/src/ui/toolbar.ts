@@ -138,8 +138,8 @@ export class Toolbar {
   menu: MoreMenu | null;
 
   constructor(
-    readonly host: ToolbarHost,
-    readonly parent: HTMLElement,
+    host: ToolbarHost,
+    parent: HTMLElement,
     groups: ToolEntry[][] = GROUPS,
     table: KeyTable = EDITOR_KEYS,
     more: ToolEntry[][] = MORE,
@@ -158,12 +158,13 @@ export class Toolbar {
       }
     }
     const opener = this.buttons.get("more")?.button;
-    this.menu = opener ? new MoreMenu(this, opener, more, table) : null;
+    const items = () => more.map((entries) => entries.map((entry) => this.#item(entry, table)));
+    this.menu = opener ? new MoreMenu(host, opener, parent, items()) : null;
   }
 
   #button(
     name: string,
-    parent: Element,
+    parent: Element | null,
     command: keyof typeof ICONS,
     tip: string,
     table: KeyTable,
@@ -180,9 +181,9 @@ export class Toolbar {
   }
 
   /** A line of the menu. */
-  item(parent: Element, [command, label, text, stays, needs]: ToolEntry, table: KeyTable) {
+  #item([command, label, text, stays, needs]: ToolEntry, table: KeyTable) {
     const tip = tipOf(table, command, text),
-      item = this.#button("dnb-ed-item", parent, command, tip, table);
+      item = this.#button("dnb-ed-item", null, command, tip, table);
     setAttributes(item, {
       role: stays ? "menuitemcheckbox" : "menuitem",
       tabindex: "-1",
@@ -270,19 +271,20 @@ export class Toolbar {
 
 /** A menu of tools under its button; it closes when an item is chosen, by Escape, and when the focus leaves it. */
 class MoreMenu {
-  items: HTMLElement[] = [];
+  items: HTMLElement[];
   root: HTMLDivElement;
   isOverAll: boolean;
   leave: (event: Event) => void;
 
   constructor(
-    readonly toolbar: Toolbar,
+    readonly host: ToolbarHost,
     readonly opener: HTMLElement,
-    groups: ToolEntry[][],
-    table: KeyTable,
+    readonly parent: HTMLElement,
+    groups: HTMLElement[][],
   ) {
+    this.items = groups.flat();
     setAttributes(opener, { "aria-haspopup": "menu", "aria-expanded": "false" });
-    this.root = pageElement("div", "dnb-ed-more", toolbar.parent, {
+    this.root = pageElement("div", "dnb-ed-more", parent, {
       role: "menu",
       "aria-label": "More tools",
       hidden: "",
@@ -291,9 +293,8 @@ class MoreMenu {
     if (this.isOverAll) this.root.popover = "manual";
     groups.forEach((group, k) => {
       if (k > 0) pageElement("div", "dnb-ed-line", this.root, { "aria-hidden": "true" });
-      for (const entry of group) this.items.push(toolbar.item(this.root, entry, table));
+      this.root.append(...group);
     });
-    const { host } = toolbar;
     this.root.addEventListener("click", ({ target }) => host.guard(() => this.#choose(target)));
     this.root.addEventListener("keydown", (event) => host.guard(() => this.#key(event)));
     this.root.addEventListener("focusout", ({ relatedTarget: next }) =>
@@ -326,7 +327,7 @@ class MoreMenu {
   // Under its button, as far as there is room.
   #place() {
     const box = this.opener.getBoundingClientRect(),
-      around = this.toolbar.parent.getBoundingClientRect();
+      around = this.parent.getBoundingClientRect();
     const frame = this.isOverAll ? { left: 0, top: 0, width: window.innerWidth } : around;
     const left = Math.min(box.left - frame.left, frame.width - this.root.offsetWidth - 8);
     const top = box.bottom - frame.top + 2;
@@ -350,7 +351,7 @@ class MoreMenu {
     const command = item?.getAttribute("data-command");
     if (!item || !command || item.getAttribute("aria-disabled") === "true") return;
     this.close();
-    this.toolbar.host.run(command, null);
+    this.host.run(command, null);
   }
 
   #key(event: KeyboardEvent) {
