@@ -12,10 +12,12 @@ from dataclasses import dataclass
 _NAME = re.compile(r"\{(\w+)\}")
 _WORD = re.compile(r"[^\W\d_]{2}")  # a single letter is the name of a key or an axis
 _NUMBER = r"([^\sA-Za-z\u00c0-\u024f]*\d[^\sA-Za-z\u00c0-\u024f]*(?:e[-+]?\d+)?)"
+_SYMBOL = r"([^\s\d]*)"
 _FILE = re.compile(r"\S+\.\w+")
-_AS_GIVEN, _ANY = re.compile(r"(name|file)\d*"), re.compile(r"text\d*")
+_AS_GIVEN, _ANY = re.compile(r"(name|file)\d*|symbol"), re.compile(r"(text|unit)\d*")
 _PARTED = re.compile(r" \u00b7 | \| |\n+")  # between facts of a line
 _BREAKS = tuple(map(re.compile, ("; ", r"(?<=[.!?\u2026]) ", ": ", ", ")))  # the strongest first
+_MOST_KNOWN = 4000  # cached translations of texts
 _ASIDE = re.compile(r"(.+?) \((.+)\)(\.?)", re.DOTALL)
 
 
@@ -35,8 +37,9 @@ class Translator:
     Parameters
     ----------
     table : by the English text; in both, a name in braces is a value: one letter for a number; "name" and
-        "file", with digits behind where there are several, for unchanged text; "text" for text that is translated if
-        the table contains it; any other for words that the table must have.
+        "file", with digits behind where there are several, for unchanged text, "symbol" for a word of it; "text" and
+        "unit" for text that is translated if the table contains it; any other for words that the table must have. A
+        text may be of several sentences, clauses or facts that are keys.
 
     Examples
     --------
@@ -52,10 +55,13 @@ class Translator:
         self._table = dict(table)
         patterns = [_pattern(key, value) for key, value in table.items() if "{" in key]
         self._patterns = sorted(patterns, key=lambda pattern: pattern.rank)
+        self._known: dict[str, str | None] = {}
 
     def translate(self, text: str) -> str:
         """A text in the language; itself where the table has nothing for it."""
         core = text.strip()
+        if len(self._known) > _MOST_KNOWN:
+            self._known.clear()
         found = self._find(core.replace("\u00a0", " "))  # ipywidgets' menus have such spaces
         return text if found is None else text.replace(core, found, 1)
 
@@ -75,10 +81,12 @@ class Translator:
             return None
         if core in self._table:
             return self._table[core]
-        found = self._split_at(_PARTED, core)
-        for way in (self._match_pattern, self._translate_pieces, self._without_period):
-            found = way(core) if found is None else found
-        return found
+        if core not in self._known:
+            found = self._split_at(_PARTED, core)
+            for way in (self._match_pattern, self._translate_pieces, self._without_period):
+                found = way(core) if found is None else found
+            self._known[core] = found
+        return self._known[core]
 
     def _match_pattern(self, core: str) -> str | None:
         for pattern in self._patterns:
@@ -107,12 +115,13 @@ class Translator:
         return None if found is None else given.replace(core, found, 1)
 
     def _split_at(self, at: re.Pattern[str], core: str) -> str | None:
-        found = at.search(core)
-        if found is None:
-            return None
-        pieces = core[: found.start()], core[found.end() :]
-        first, rest = map(self._piece, pieces)
-        return None if first is None or rest is None else f"{first}{found[0]}{rest}"
+        """Translate what is before and after the first break between two pieces; a piece may have breaks within."""
+        for found in at.finditer(core):
+            first = self._piece(core[: found.start()])
+            rest = None if first is None else self._piece(core[found.end() :])
+            if rest is not None:
+                return f"{first}{found[0]}{rest}"
+        return None
 
     def _without_period(self, core: str) -> str | None:
         found = self._find(core[:-1]) if core.endswith(".") else None
@@ -132,7 +141,7 @@ class Translator:
 def _pattern(key: str, value: str) -> _Pattern:
     pieces = _NAME.split(key)
     names, plain = tuple(pieces[1::2]), pieces[::2]
-    parts = [_NUMBER if len(name) == 1 else "(.*?)" for name in names]
+    parts = [_NUMBER if len(name) == 1 else _SYMBOL if name == "symbol" else "(.*?)" for name in names]
     source = "".join(re.escape(text) + part for text, part in zip(plain, [*parts, ""], strict=True))
     rank = -len("".join(plain)), sum(len(name) > 1 for name in names)  # the most specific comes first
     return _Pattern(re.compile(source, re.DOTALL), names, value, rank)

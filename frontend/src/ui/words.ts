@@ -1,8 +1,9 @@
 // The visible words in another language. The sources have the English words; a table has their translations.
 //
 // A key of the table is the English text. A name in braces is a placeholder: one letter ({n}) for a number; {name} and
-// {file}, with digits behind where there are several, for untranslated words; {text} for those translated if the table
-// has it; any other for words that the table must have. deformnb/words/translator.py does the same in Python.
+// {file}, with digits behind where there are several, for untranslated words, {symbol} for one; {text} and {unit} for
+// words translated if the table has them; any other for words that the table must have. A text may be of several
+// sentences, clauses or facts that are keys. deformnb/words/translator.py does the same in Python.
 //
 // All that is written into the document below a root is translated before it is drawn: texts, tooltips, and the names
 // that screen readers speak. So widgets of ipywidgets are in the language too, and no module has to request it. What
@@ -24,12 +25,12 @@ const ATTRIBUTES = [
 ];
 const LEFT_ALONE = "[translate=no], script, style, code, pre, textarea, [contenteditable=true]";
 const FILE = /^\S+\.\w+$/; // the name of one
-const AS_GIVEN = /^(name|file)\d*$/,
-  ANY = /^text\d*$/;
+const AS_GIVEN = /^(name\d*|file\d*|symbol)$/,
+  ANY = /^(text|unit)\d*$/;
 const WORD = /\p{L}{2}/u; // a single letter is the name of a key or an axis
 const NUMBER = "[^\\sA-Za-z\u00c0-\u024f]*\\d[^\\sA-Za-z\u00c0-\u024f]*(?:e[-+]?\\d+)?";
-const PARTED = / \u00b7 | \| |\n+/; // between facts of a line
-const BREAKS = [/; /, /(?<=[.!?\u2026]) /, /: /, /, /]; // the strongest first
+const PARTED = / \u00b7 | \| |\n+/g; // between facts of a line
+const BREAKS = [/; /g, /(?<=[.!?\u2026]) /g, /: /g, /, /g]; // the strongest first
 const MOST_KNOWN = 4000; // cached translations of texts
 
 /** Translates texts by a table. */
@@ -49,6 +50,7 @@ export class Translator {
   /** A text in the language; itself where the table has nothing for it. */
   translate(text: string) {
     const core = text.trim();
+    if (this.known.size > MOST_KNOWN) this.known.clear(); // not within a text, whose parts are met again and again
     const found = this.#find(core.replaceAll("\u00a0", " ")); // ipywidgets' menus have such spaces
     return found === null ? text : text.replace(core, () => found);
   }
@@ -63,7 +65,6 @@ export class Translator {
         this.#byPattern(core) ??
         this.#inPieces(core) ??
         this.#withoutPeriod(core);
-      if (this.known.size > MOST_KNOWN) this.known.clear();
       this.known.set(core, found);
     }
     return found;
@@ -94,12 +95,14 @@ export class Translator {
     return found === null ? null : given.replace(core, () => found);
   }
 
+  /** Translates what is before and after the first break between two pieces; a piece may have breaks within. */
   #inTwo(at: RegExp, core: string) {
-    const found = at.exec(core);
-    if (!found) return null;
-    const first = this.#piece(core.slice(0, found.index)),
-      rest = this.#piece(core.slice(found.index + found[0].length));
-    return first === null || rest === null ? null : first + found[0] + rest;
+    for (const { 0: between, index } of core.matchAll(at)) {
+      const first = this.#piece(core.slice(0, index)),
+        rest = first === null ? null : this.#piece(core.slice(index + between.length));
+      if (rest !== null) return first + between + rest;
+    }
+    return null;
   }
 
   #withoutPeriod(core: string) {
@@ -125,7 +128,7 @@ function patternOf(key: string, value: string) {
     plain = pieces.filter((_, k) => k % 2 === 0);
   const source = pieces
     .map((piece, k) => {
-      if (k % 2) return piece.length === 1 ? `(${NUMBER})` : "(.*?)";
+      if (k % 2) return piece.length === 1 ? `(${NUMBER})` : piece === "symbol" ? "([^\\s\\d]*)" : "(.*?)";
       return piece.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
     })
     .join("");
