@@ -55,7 +55,7 @@ def _loop(volume: Volume, solid: ControlPoints) -> list[Case]:
     """The general warp in C, its field given: the reference of every kind of edit."""
     if c_loops.why_absent():
         return []
-    field = Step((solid,)).field(volume.grid).on_grid(volume.grid)
+    field = Step((solid,)).field(volume.grid).sample_on_grid(volume.grid)
     return [Case("C loop", c_loops.general(volume.values, field, FILL))]
 
 

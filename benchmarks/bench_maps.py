@@ -52,7 +52,7 @@ def _nodes(lattice: Grid | Raster) -> NDArray[np.float64]:
 def _folds(field: AbstractField, size: int) -> Group:
     raster = Raster((size, size), (1.0, 1.0), (0.0, 0.0))
     truth = jacobian_determinant(field, raster.points())
-    sampled = np.ascontiguousarray(np.moveaxis(field.on_raster(raster), 0, -1))
+    sampled = np.ascontiguousarray(np.moveaxis(field.sample_on_raster(raster), 0, -1))
 
     def error(result: NDArray[Any]) -> NDArray[Any]:
         return (result - truth)[1:-1, 1:-1]

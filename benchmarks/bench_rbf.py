@@ -63,11 +63,11 @@ def _many(count: int, support: float, raster: Raster, options: Namespace) -> Gro
         return fit_rbf(moved(), support=support, **settings)
 
     cases = [
-        Case("deformnb: evaluate", lambda: fit.on_raster(raster), error, ours=True),
+        Case("deformnb: evaluate", lambda: fit.sample_on_raster(raster), error, ours=True),
         Case("deformnb: solve", lambda: solve(every), ours=True),
-        Case("deformnb: solve and evaluate", lambda: solve(every).on_raster(raster), error, ours=True),
+        Case("deformnb: solve and evaluate", lambda: solve(every).sample_on_raster(raster), error, ours=True),
         Case(f"deformnb: drag of one point, {_EVENTS} events", lambda: _events(lambda: solve(one)), ours=True),
-        Case("deformnb: drag of one point and evaluate", lambda: solve(one).on_raster(raster), error, ours=True),
+        Case("deformnb: drag of one point and evaluate", lambda: solve(one).sample_on_raster(raster), error, ours=True),
     ]
     if count <= LARGEST_SET:
         cases += [
@@ -114,7 +114,7 @@ def _cases(points: ControlPoints, raster: Raster, options: Namespace) -> list[Ca
     compact = np.moveaxis(fit.displacement(raster.points()), -1, 0)
 
     def ours(**settings: Any) -> Callable[[], NDArray[Any]]:
-        return lambda: fit_rbf(points, **settings).on_raster(raster)
+        return lambda: fit_rbf(points, **settings).sample_on_raster(raster)
 
     def scipy() -> NDArray[Any]:
         return RBFInterpolator(at, d, kernel="thin_plate_spline", degree=1)(pixels).T.reshape(2, *raster.shape)

@@ -132,7 +132,7 @@ def _truth(volume: Volume, field: AbstractField) -> tuple[NDArray[np.float32], N
     if isinstance(field, DisplacementField):
         displacement = np.asarray(field.values, dtype=np.float32)
     else:
-        displacement = field.on_grid(volume.grid)
+        displacement = field.sample_on_grid(volume.grid)
     lookup = problem.lookup(displacement)
     right = ndimage.map_coordinates(volume.values, lookup, output=np.float32, order=1, mode="nearest")
     inside = ((lookup >= 0) & (lookup <= volume.shape[0] - 1)).all(axis=0)

@@ -85,7 +85,7 @@ CALLS: dict[str, Callable[[Any, Path], Any]] = {
         f"Grid.resampled {key}": lambda value, _, key=key: GRID.resampled(**{key: value})
         for key in ("spacing", "shape", "margin")
     },
-    "Grid.covering": lambda value, _: GRID.covering(value) if value != 1e308 else None,
+    "Grid.cover": lambda value, _: GRID.cover(value) if value != 1e308 else None,
     "Grid.crop": lambda value, _: GRID.crop(value, (1, 1, 1)),
     "Grid.crop shape": lambda value, _: GRID.crop((0, 0, 0), value),
     "Grid.index_to_point": lambda value, _: GRID.index_to_point(value),

@@ -324,7 +324,7 @@ def _read_transform(v: Any, folder: Path) -> Any:
     return dn.read_transform(folder / "shift.nrrd", v).displacement(PLACES)
 
 
-def _shown(view: Any) -> Any:
+def _volume_info(view: Any) -> Any:
     return {key: value for key, value in view.volume_info.items() if key != "id"}
 
 
@@ -400,21 +400,21 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
     "widgets.studio.studio.Studio.open_volume(volume)": lambda v, _: _closed(
         dn.Studio(_like(v)), lambda studio: (studio.open_volume(v), studio.volume)[1]
     ),
-    "widgets.view.live_view.LiveView(volume)": lambda v, _: _closed(dn.widgets.LiveView(v), _shown),
+    "widgets.view.live_view.LiveView(volume)": lambda v, _: _closed(dn.widgets.LiveView(v), _volume_info),
     "widgets.view.live_view.LiveView.show(volume)": lambda v, _: _closed(
-        dn.widgets.LiveView(), lambda view: (view.show(v), _shown(view))[1]
+        dn.widgets.LiveView(), lambda view: (view.show(v), _volume_info(view))[1]
     ),
-    "widgets.view.volume_view.VolumeView(volume)": lambda v, _: _closed(dn.widgets.VolumeView(v), _shown),
+    "widgets.view.volume_view.VolumeView(volume)": lambda v, _: _closed(dn.widgets.VolumeView(v), _volume_info),
     "widgets.view.volume_view.VolumeView.show(volume)": lambda v, _: _closed(
-        dn.widgets.VolumeView(), lambda view: (view.show(v), _shown(view))[1]
+        dn.widgets.VolumeView(), lambda view: (view.show(v), _volume_info(view))[1]
     ),
 }
 """Parameters that are volumes or channels, each with a call in which everything else is right."""
 
 
 OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
-    "analysis.folds.folds_of(grid)": lambda v, _: dn.analysis.folds_of(_h(v), as_grid(v), grid=v),
-    "analysis.folds.folds_of(lattice)": lambda v, _: dn.analysis.folds_of(_h(v), v),
+    "analysis.folds.find_folds(grid)": lambda v, _: dn.analysis.find_folds(_h(v), as_grid(v), grid=v),
+    "analysis.folds.find_folds(lattice)": lambda v, _: dn.analysis.find_folds(_h(v), v),
     "analysis.folds.jacobian_determinant(grid)": lambda v, _: dn.analysis.jacobian_determinant(_h(v), PLACES, grid=v),
     "analysis.folds.jacobian_determinant(where)": lambda v, _: dn.analysis.jacobian_determinant(_h(v), v),
     "analysis.strain.stretches(grid)": lambda v, _: dn.analysis.stretches(_h(v), PLACES, grid=v).principal,
@@ -453,7 +453,7 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     "rbf.extrusion.extrude(grid)": lambda v, _: dn.rbf.extrude(
         dn.Plane.from_view(TURNED, "+z"), v, [dn.fit_rbf(POINTS)], dn.rbf.replicate()
     ).displacement(PLACES),
-    "rbf.fields.AbstractField.on_grid(grid)": lambda v, _: SHIFT.on_grid(v),
+    "rbf.fields.AbstractField.sample_on_grid(grid)": lambda v, _: SHIFT.sample_on_grid(v),
     "rbf.fields.DisplacementField.sample(lattice)": lambda v, _: dn.rbf.DisplacementField.sample(_h(v), v).values,
     "rbf.fields.as_field(grid)": lambda v, _: dn.rbf.as_field(_h(v), v).displacement(PLACES),
     "rbf.fields.blend(grid)": lambda v, _: dn.rbf.blend(_h(v), SHIFT, grid=v).displacement(PLACES),

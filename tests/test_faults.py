@@ -345,8 +345,8 @@ def test_a_folder_that_goes_away_stops_nothing(tmp_path: Path, state_folder: Pat
 def test_edits_go_on_while_a_movie_is_written(tmp_path: Path) -> None:
     studio = Studio(a_volume(), side="+y", folder=tmp_path)
     files = panel(studio, "Export")
-    goes_on = threading.Event()
-    files.writing.bar.observe(lambda _: goes_on.wait(PATIENCE), "value")  # which the other thread moves
+    continues_map = threading.Event()
+    files.writing.bar.observe(lambda _: continues_map.wait(PATIENCE), "value")  # which the other thread moves
     drag(studio, a_drag(studio))
     files.name.value = "ball.nrrd"
     files.write.click()
@@ -354,7 +354,7 @@ def test_edits_go_on_while_a_movie_is_written(tmp_path: Path) -> None:
     drag(studio, a_drag(studio, 4.0))  # taken in this thread, while the other waits in the midst of its work
     assert files.write.disabled
     assert not np.array_equal(studio.result().values, before)
-    goes_on.set()
+    continues_map.set()
     wait_for(lambda: not files.write.disabled)
     from deformnb.io.volumes.formats import read_volume
 

@@ -23,7 +23,7 @@ FIT = (  # by a kernel whose system is compiled
     "from deformnb import ControlPoints, Raster, fit_rbf\n"
     "x = np.random.default_rng(0).uniform(0, 9, (8, 2))\n"
     "p = ControlPoints.from_arrays(x, x + np.sin(x))\n"
-    "fit_rbf(p, kernel='quintic', trend='quadratic').on_raster(Raster((32, 32), (1, 1), (0, 0)))\n"
+    "fit_rbf(p, kernel='quintic', trend='quadratic').sample_on_raster(Raster((32, 32), (1, 1), (0, 0)))\n"
 )
 
 

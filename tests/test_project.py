@@ -243,28 +243,30 @@ def test_tests_import_no_private_names() -> None:
                 assert not found, f"{path.relative_to(ROOT)}:{node.lineno}: {found}"
 
 
-# Functions, methods and properties named by a participle or half a sentence: the number only falls. Names are verbs or
-# nouns of the field; one that returns a changed copy may be the field's participle (scaled, rotated), and is not here.
-HALF_SENTENCES = 72
+# Names are verbs or nouns of the field, no participles and half sentences; one that returns a changed copy may be the
+# field's participle (scaled, rotated). Those that register a callback have the name of its event, as ipywidgets'
+# on_click and Jupyter's comms.
+_CALLBACKS = {"on_act", "on_close", "on_edit", "on_history", "on_msg", "on_shapes", "on_visible", "on_wand"}
 _HALF_SENTENCE = re.compile(
     "(?i:another|whoever|beside|alike)|^_?(of|in|on|at|by)_|(^|_)(kept|told|said|heard|seen|shown|taken|laid|made|held)$|"
     "^_?(kept|told|said|heard|seen|shown|taken|laid|made|held)_"
 )
 
 
-def test_functions_are_no_more_often_named_by_half_sentences_than_before() -> None:
+def test_functions_are_named_by_verbs_or_nouns() -> None:
     names = []
     for folder in (*PACKAGES, ROOT / "tests"):
         for path in sorted(folder.rglob("*.py")):
             functions = [n.name for n in _nodes(path) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
-            found = [name for name in functions if not name.startswith("test_") and _HALF_SENTENCE.search(name)]
-            names += [f"{path.relative_to(ROOT)}: {name}" for name in found]
+            names += [(path, name) for name in functions if not name.startswith("test_")]
     for path in sorted((ROOT / "frontend" / "src").rglob("*.ts")):
         pairs = re.findall(
             r"function\*? (\w+)|^  (?:get |static |async )*#?(\w+)\([^;]*\{$", path.read_text("utf-8"), re.M
         )
-        names += [f"{path.relative_to(ROOT)}: {a or b}" for a, b in pairs if _HALF_SENTENCE.search(a or b)]
-    assert len(names) <= HALF_SENTENCES, "\n".join(names)
+        names += [(path, a or b) for a, b in pairs]
+    assert len(names) > 5000
+    found = [(path, name) for path, name in names if _HALF_SENTENCE.search(name) and name not in _CALLBACKS]
+    assert not found, "\n".join(f"{path.relative_to(ROOT)}: {name}" for path, name in found)
 
 
 @pytest.mark.parametrize("folder", ["benchmarks", "deformnb", "lessons", "mutants", "tests"])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deformnb.analysis.folds import folds_of, jacobian_determinant
+from deformnb.analysis.folds import find_folds, jacobian_determinant
 from deformnb.analysis.strain import stretches
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation, Keyframe, Step
@@ -77,7 +77,7 @@ def values(found: Any) -> Any:
         lambda d: round_trip(d, LANDMARKS, grid=VOLUME),
         lambda d: jacobian_determinant(d, VOLUME),
         lambda d: jacobian_determinant(d, POINTS, grid=VOLUME),
-        lambda d: folds_of(d, VOLUME),
+        lambda d: find_folds(d, VOLUME),
         lambda d: stretches(d, POINTS, grid=VOLUME),
         lambda d: compose(d, Identity(), grid=VOLUME),
         lambda d: blend(d, Identity(), grid=VOLUME),
@@ -102,7 +102,7 @@ def test_a_deformation_counts_as_its_field(call: Callable[[Any], Any]) -> None:
         lambda: round_trip(DEFORMATION, POINTS),
         lambda: jacobian_determinant(DEFORMATION, POINTS),
         lambda: stretches(DEFORMATION, POINTS),
-        lambda: folds_of(DEFORMATION, RASTER),
+        lambda: find_folds(DEFORMATION, RASTER),
         lambda: warp_picture(np.zeros((4, 4)), RASTER, DEFORMATION),
     ],
 )
@@ -138,7 +138,7 @@ def test_points_go_the_same_way_by_function_and_method() -> None:
 def test_a_volume_counts_as_its_grid() -> None:
     assert Plane.from_view(VOLUME, "+z") == Plane.from_view(GRID, "+z")
     assert Plane.from_view(GRID, "+z").depth_range(VOLUME) == Plane.from_view(GRID, "+z").depth_range(GRID)
-    np.testing.assert_array_equal(FIELD.on_grid(VOLUME), FIELD.on_grid(GRID))
+    np.testing.assert_array_equal(FIELD.sample_on_grid(VOLUME), FIELD.sample_on_grid(GRID))
 
 
 @pytest.mark.parametrize(
@@ -253,7 +253,7 @@ def test_pictures_refuse_all_else_by_name(
         Warper(VOLUME),
         Warper,
         lambda w: Plane.from_view(w, "+z"),
-        FIELD.on_grid,
+        FIELD.sample_on_grid,
         DEFORMATION.field,
         DEFORMATION.inverse,
         lambda w: DEFORMATION.warp_points(POINTS, w),
@@ -264,8 +264,8 @@ def test_pictures_refuse_all_else_by_name(
         blend,
         lambda w: invert(w, GRID),
         lambda w: invert(FIELD, w),
-        lambda w: folds_of(w, GRID),
-        lambda w: folds_of(FIELD, w),
+        lambda w: find_folds(w, GRID),
+        lambda w: find_folds(FIELD, w),
         lambda w: jacobian_determinant(w, GRID),
         lambda w: warp_mesh(w, FIELD),
         lambda w: warp_mesh(MESH, w),

@@ -64,7 +64,7 @@ def asked(server: Host, path: str, data: bytes | None = None) -> Any:
         return json.load(answer)
 
 
-def opened(server: Host, kernel: str) -> socket.socket:
+def connect(server: Host, kernel: str) -> socket.socket:
     """The client's end of a kernel's websocket, as far as the handshake."""
     page = socket.create_connection(("127.0.0.1", server.port), timeout=120)
     page.sendall(
@@ -82,7 +82,7 @@ def test_a_real_server_sends_small_messages_at_once(tmp_path: Path, enabled: boo
     extensions = {"probe_extension": True} | ({} if enabled else {"deformnb.server_extension": False})
     with start_host(Server, tmp_path, f"--ServerApp.jpserver_extensions={extensions}") as server:
         kernel = asked(server, "/api/kernels", data=b"{}")["id"]
-        with opened(server, kernel):
+        with connect(server, kernel):
             assert asked(server, "/probe") == [expected], server.messages()
         assert ("sent at once" in server.messages()) == enabled
 

@@ -1,5 +1,5 @@
 from .folds import Folds as Folds
-from .folds import folds_of as folds_of
+from .folds import find_folds as find_folds
 from .folds import jacobian_determinant as jacobian_determinant
 from .gaussian_process import Uncertainty as Uncertainty
 from .gaussian_process import uncertainty as uncertainty

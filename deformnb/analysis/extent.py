@@ -57,7 +57,7 @@ _SCALES = (0.2, 0.6, 1.8)
 
 @dataclass(frozen=True, eq=False)
 class Foreground:
-    """Foreground of a volume, as small boxes of whole voxels; make it by :func:`foreground_of`.
+    """Foreground of a volume, as small boxes of whole voxels; make it by :func:`find_foreground`.
 
     Parameters
     ----------
@@ -104,14 +104,14 @@ class Foreground:
         return found
 
 
-def foreground_of(volume: Volume) -> Foreground:
+def find_foreground(volume: Volume) -> Foreground:
     """Find the foreground of a volume: voxels brighter than the edge between air and tissue, or with a label.
 
     Examples
     --------
     >>> values = np.zeros((8, 8, 8), np.uint8)
     >>> values[2:5, 3:4, 1:7] = 200
-    >>> foreground = foreground_of(Volume.from_array(values))
+    >>> foreground = find_foreground(Volume.from_array(values))
     >>> foreground.low.min(axis=0).tolist(), foreground.high.max(axis=0).tolist()
     ([0.5, 2.5, 1.5], [6.5, 3.5, 4.5])
     """
@@ -250,7 +250,7 @@ def field_of_view(volume: Volume | Foreground, field: AbstractField | None, *, m
 
     Parameters
     ----------
-    volume : or its :func:`foreground_of`, which takes the longest for a large volume and stays the same.
+    volume : or its :func:`find_foreground`, which takes the longest for a large volume and stays the same.
     field : backward displacements in space.
     most : how many times the voxels of the volume it may have; larger boxes are reduced equally on all sides.
 
@@ -267,7 +267,7 @@ def field_of_view(volume: Volume | Foreground, field: AbstractField | None, *, m
     """
     if not (np.isfinite(most) and most >= 1):
         raise DeformError(f"a field of view has at least as many voxels as the volume, got {most!r} times as many.")
-    foreground = volume if isinstance(volume, Foreground) else foreground_of(volume)
+    foreground = volume if isinstance(volume, Foreground) else find_foreground(volume)
     at = foreground.grid.point_to_index(reached_places(foreground, field))
     last = np.array(foreground.grid.shape[::-1]) - 1
     # Far beyond what may be is as good as infinity, and no whole number.

@@ -108,7 +108,7 @@ def jacobian_determinant(
     return lattice_out
 
 
-def folds_of(
+def find_folds(
     field: AbstractField | HasField,
     lattice: Grid | VolumeLike | Raster,
     progress: Progress | None = None,
@@ -132,7 +132,7 @@ def folds_of(
     >>> from deformnb.rbf.points import ControlPoints
     >>> from deformnb.rbf.fitting import fit_rbf
     >>> drag = fit_rbf(ControlPoints.from_arrays([[20, 20]], [[32, 20]]), support=20.0, trend="none")  # too far
-    >>> folds = folds_of(drag, Raster((41, 61), (1.0, 1.0), (0.0, 0.0)))
+    >>> folds = find_folds(drag, Raster((41, 61), (1.0, 1.0), (0.0, 0.0)))
     >>> round(folds.least, 2), folds.place, round(folds.share, 3)
     (-0.27, (27.0, 20.0), 0.013)
     """
@@ -237,21 +237,21 @@ def _blocks(field: AbstractField, lattice: Grid | Raster) -> Iterator[tuple[tupl
         )
     if isinstance(lattice, Raster):
         everywhere = (slice(None), slice(None))
-        yield everywhere, _determinant(field.jacobian_on_outer_sum(*raster_lines(lattice)))
+        yield everywhere, _determinant(field.lattice_jacobians(*raster_lines(lattice)))
         return
     same = unchanging_axes(field, lattice)
     if isinstance(field, Extrusion) and field.axis_of(lattice) is not None:
         yield from _slices(field, lattice)
     elif same:
         flat = _one_slice(lattice, min(same))
-        found = _determinant(field.jacobian_on_outer_sum(*grid_lines(flat))).reshape(flat.shape)
+        found = _determinant(field.lattice_jacobians(*grid_lines(flat))).reshape(flat.shape)
         yield (slice(None),) * 3, found
     else:
         nz, ny, nx = lattice.shape
         step = max(1, _NODES_AT_A_TIME // (ny * nx))
         for z in range(0, nz, step):
             block = lattice.crop((z, 0, 0), (min(step, nz - z), ny, nx))
-            found = _determinant(field.jacobian_on_outer_sum(*grid_lines(block))).reshape(block.shape)
+            found = _determinant(field.lattice_jacobians(*grid_lines(block))).reshape(block.shape)
             yield (slice(z, z + step), slice(None), slice(None)), found
 
 
@@ -265,7 +265,7 @@ def _slices(field: Extrusion, grid: Grid) -> Iterator[tuple[tuple[slice, ...], N
     assert axis is not None
     flat = _one_slice(grid, axis)
     rows, columns = field.lines(*grid_lines(flat))
-    maps = [m.jacobian_on_outer_sum(rows[:2], columns[:2]) for m in field.maps]
+    maps = [m.lattice_jacobians(rows[:2], columns[:2]) for m in field.maps]
     index = np.zeros((grid.shape[axis], 3))
     index[:, 2 - axis] = np.arange(grid.shape[axis])
     weights = field.weights_at(field.plane.to_plane(grid.index_to_point(index))[:, 2]).astype(np.float32)

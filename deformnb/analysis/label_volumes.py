@@ -71,7 +71,7 @@ def label_volumes(
     2  2.0 2.0 0.0
     """
     first, second = as_volumes((before, after))
-    both = (first, second.in_unit(first.grid.unit))
+    both = (first, second.to_unit(first.grid.unit))
     counts = [_counts(volume) for volume in both]
     sizes = [float(np.prod(volume.grid.spacing)) for volume in both]
     named = names or {}

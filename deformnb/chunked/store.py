@@ -140,7 +140,7 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
         If the disk is full or cannot be written.
     """
     target = check_target(target, overwrite=overwrite, folder_marks=ome_zarr.MARKS)
-    folder = _unfinished(target)
+    folder = _partial_path(target)
     try:
         with _lock(folder, target):
             store = _begin(folder, target, mark, overwrite, pyramid)
@@ -185,7 +185,7 @@ def _open_lock(folder: Path) -> int | None:
 
 def discard_unfinished(target: Path) -> None:
     """Remove the files that a stopped job has left next to its target, unless another process is writing it."""
-    folder = _unfinished(target)
+    folder = _partial_path(target)
     with suppress(OSError):
         if folder.is_symlink() or not folder.is_dir():
             return
@@ -198,7 +198,7 @@ def discard_unfinished(target: Path) -> None:
                 os.close(lock)
 
 
-def _unfinished(target: Path) -> Path:
+def _partial_path(target: Path) -> Path:
     return target.with_name(f".{target.name}.unfinished")
 
 

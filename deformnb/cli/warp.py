@@ -530,9 +530,9 @@ def _space(document: Deformation, options: argparse.Namespace) -> Grid:
 def _check_output(target: Path, *, force: bool) -> None:
     """Check the output path, whose faults would only be noticed after the work."""
     from deformnb.io.files.atomic import check_target
-    from deformnb.io.volumes.formats import format_of
+    from deformnb.io.volumes.formats import find_format
 
-    _, entry = format_of(target, writing=True)
+    _, entry = find_format(target, writing=True)
     check_target(target, folder_marks=entry.folder_marks)
     _refuse_present(target, force=force)
 
@@ -676,12 +676,12 @@ def _check(options: argparse.Namespace) -> None:
     """Check for faults that would be the same for every file."""
     from deformnb.document.transplant import ALIGNMENTS
     from deformnb.io.meshes.formats import is_mesh
-    from deformnb.io.volumes.formats import format_of
+    from deformnb.io.volumes.formats import find_format
 
     if options.align not in ALIGNMENTS:
         raise DeformError(f"unknown alignment {options.align!r}; choose one of {', '.join(ALIGNMENTS)}.")
     if options.suffix:
-        format_of(Path(f"x{options.suffix}"), writing=True)
+        find_format(Path(f"x{options.suffix}"), writing=True)
     if options.volume and is_mesh(options.volume):
         raise DeformError(f"--volume names the volume in whose space meshes lie, and {options.volume} is a mesh.")
 

@@ -317,7 +317,7 @@ class Animation:
         values = np.empty((count, *lattice.shape, 2), np.float32)
         for k, t in enumerate(np.linspace(0.0, self.duration, count).tolist()):
             step = one_map(self._steps(t))
-            values[k] = 0 if step is None else np.moveaxis(step.fits(grid)[0].on_raster(lattice), 0, -1)
+            values[k] = 0 if step is None else np.moveaxis(step.fits(grid)[0].sample_on_raster(lattice), 0, -1)
         return TimeMaps(values, lattice, plane, plane.depth_range(grid), weights, self.duration)
 
     def _common(self, grid: Grid) -> tuple[Plane, Weights]:

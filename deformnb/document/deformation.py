@@ -124,7 +124,7 @@ class Step(AbstractFitSettings):
                 object.__setattr__(self, name, _as_tuple(getattr(self, name), name))
         self._check_kinds()
         unit = next((given.unit for given in self.maps if given.unit), "")
-        object.__setattr__(self, "maps", tuple(given.in_unit(unit) for given in self.maps))
+        object.__setattr__(self, "maps", tuple(given.to_unit(unit) for given in self.maps))
         check_fields(self, "extrusion", "curve", "knots", "enabled", "name", "extra", "cut_rule")
         if not isinstance(self.extrusion, str) or self.extrusion not in EXTRUSIONS:
             known = ", ".join(EXTRUSIONS)
@@ -393,11 +393,11 @@ class VolumeReference:
             return None
         return Grid(self.shape, self.spacing, self.origin, self.direction, self.unit)
 
-    def in_unit(self, unit: str) -> VolumeReference:
+    def to_unit(self, unit: str) -> VolumeReference:
         """The same volume in numbers of another unit; one without a unit is taken to be in that one."""
         if unit in ("", self.unit):
             return self
-        grid = Grid(self.shape, self.spacing, self.origin or (0.0, 0.0, 0.0), unit=self.unit or unit).in_unit(unit)
+        grid = Grid(self.shape, self.spacing, self.origin or (0.0, 0.0, 0.0), unit=self.unit or unit).to_unit(unit)
         return replace(self, spacing=grid.spacing, origin=self.origin and grid.origin, unit=unit)
 
     def matches(self, volume: VolumeLike) -> bool:
@@ -537,9 +537,9 @@ class Deformation:
         unit = check_unit(self.unit) or next((part.unit for part in parts if part is not None and part.unit), "")
         object.__setattr__(self, "unit", unit)
         if self.volume is not None:
-            object.__setattr__(self, "volume", self.volume.in_unit(unit))
+            object.__setattr__(self, "volume", self.volume.to_unit(unit))
         if self.output is not None:
-            output = self.output.in_unit(unit)
+            output = self.output.to_unit(unit)
             object.__setattr__(self, "output", output if output.unit == unit else replace(output, unit=unit))
         object.__setattr__(self, "steps", tuple(rescaled_step(step, unit) for step in self.steps))
         if any(step.points.unit for key in self.keyframes for step in key.steps):
@@ -551,13 +551,13 @@ class Deformation:
                 ),
             )
 
-    def in_unit(self, unit: str) -> Deformation:
+    def to_unit(self, unit: str) -> Deformation:
         """The same deformation in numbers of another unit; itself where its own or the other one is not known.
 
         Examples
         --------
         >>> points = ControlPoints.from_arrays([[1, 1, 1]], [[2, 1, 1]], unit="mm")
-        >>> Deformation.from_space_points(points).in_unit("um").steps[0].points.target.tolist()
+        >>> Deformation.from_space_points(points).to_unit("um").steps[0].points.target.tolist()
         [[2000.0, 1000.0, 1000.0]]
         """
         to = check_unit(unit)
@@ -572,8 +572,8 @@ class Deformation:
                 steps=tuple(map(scale.step, self.steps)),
                 keyframes=keys,
                 unit=to,
-                volume=self.volume and self.volume.in_unit(to),
-                output=self.output and self.output.in_unit(to),
+                volume=self.volume and self.volume.to_unit(to),
+                output=self.output and self.output.to_unit(to),
             )
         return known[to]
 
@@ -608,7 +608,7 @@ class Deformation:
         """
         unit = as_finest_grid(grid).unit
         plane = view if isinstance(view, Plane) else Plane.from_view(grid, view)
-        step = Step((as_control_points(points).in_unit(unit),), plane, **options)
+        step = Step((as_control_points(points).to_unit(unit),), plane, **options)
         return cls((step,), unit=unit or step.points.unit)
 
     @classmethod
@@ -690,7 +690,7 @@ class Deformation:
     def field(self, grid: Grid | VolumeLike) -> AbstractField:
         """The backward displacement in space of all enabled steps, composed exactly or blended."""
         lattice = as_finest_grid(grid)
-        own = self.in_unit(lattice.unit)
+        own = self.to_unit(lattice.unit)
         if own is not self:
             return own.field(lattice)
         return MODES[self.mode](*(step.field(lattice) for step in self.steps if step.enabled))
@@ -722,7 +722,7 @@ class Deformation:
 
     def fit_notes(self, grid: Grid) -> tuple[str, ...]:
         """Remarks of all fits, each once."""
-        steps = self.in_unit(grid.unit).steps
+        steps = self.to_unit(grid.unit).steps
         fits = (fit for step in steps if step.enabled for fit in step.fits(grid))
         return (*self._unit_notes(grid.unit), *dict.fromkeys(note for fit in fits for note in fit.notes))
 
@@ -745,7 +745,7 @@ class Deformation:
         """
         own = self.own_grid(grid)
         differs = "" if self.older_spacing(grid) else self.difference(grid)
-        steps = self.in_unit(own.unit).steps
+        steps = self.to_unit(own.unit).steps
         found = (caution for step in steps if step.enabled for caution in step.cautions(own))
         return tuple(dict.fromkeys([*([differs] if differs else []), *found]))
 
@@ -758,14 +758,14 @@ class Deformation:
         made = self.volume
         if made is None:
             return None
-        spacing = made.spacing if made.grid is None else made.grid.in_unit(grid.unit).spacing
+        spacing = made.spacing if made.grid is None else made.grid.to_unit(grid.unit).spacing
         return older_document(made.sha256, spacing, grid)
 
     @check_arguments
     def own_grid(self, grid: Grid) -> Grid:
         """Grid of a volume in the coordinates of this document: its own grid, but for :meth:`older_spacing`."""
         known = self.older_spacing(grid)
-        return grid if known is None else known.as_in_file(grid)
+        return grid if known is None else known.to_file_spacing(grid)
 
     def difference(self, volume: VolumeLike | Grid, reference: Callable[[], VolumeReference] | None = None) -> str:
         """Warning about a volume that this was not made on; empty for the one that it was made on.
@@ -779,7 +779,7 @@ class Deformation:
         """
         volume = volume if isinstance(volume, Grid) else as_volume(volume)
         made, here = self.volume, self.own_grid(as_finest_grid(volume))
-        made = made if made is None else made.in_unit(here.unit)
+        made = made if made is None else made.to_unit(here.unit)
         if made is None:
             return ""
         is_same = made.shape == here.shape and (
@@ -828,7 +828,7 @@ class Deformation:
         """
         volumes = as_volumes(volumes)
         own = volumes[0].finest_grid
-        here = self.in_unit(own.unit)  # the same map in numbers of the volume
+        here = self.to_unit(own.unit)  # the same map in numbers of the volume
         known, grid = here.older_spacing(own), here.own_grid(own)
         output = here.output or grid
         if known is not None and (options.get("output") is not None or output.direction != grid.direction):
@@ -849,7 +849,7 @@ class Deformation:
             warped = warp_all(volumes, field, **{"output": box, **options})
         else:
             then = [replace(volume, grid=grid) for volume in volumes]
-            corrected = known.corrected(output, own)
+            corrected = known.correct_spacing(output, own)
             warped = [replace(done, grid=corrected) for done in warp_all(then, field, **{**options, "output": output})]
             notes = (known.older_note, *notes)
         converted = () if here is self else self._unit_notes(own.unit)

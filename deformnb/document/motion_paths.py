@@ -120,7 +120,7 @@ class HandlePath:
         if self._edges is None or self._solver is None:
             return result
         # The unknown is the distance of the places from the path: zero for a motion that is rigid as a whole.
-        right = self._edges.missing(t, path)
+        right = self._edges.edge_residuals(t, path)
         known = (result - path)[self._held]
         result[self._free] += self._solver.solve(right[self._free] - self._to_held @ known)
         return result
@@ -179,7 +179,7 @@ class _Edges:
         values = np.concatenate([-w, -w, diagonal + (self._pull + pull * diagonal.mean())])
         return scipy.sparse.coo_matrix((values, places), (n, n)).tocsc()
 
-    def missing(self, t: float, path: Points) -> Points:
+    def edge_residuals(self, t: float, path: Points) -> Points:
         """Differences of the edges between these places from those at ``t``, summed at their points."""
         length = (1 - t) * self._lengths[0] + t * self._lengths[1]
         turned = scipy.spatial.transform.Rotation.from_rotvec(t * self._rest).apply(self._direction)

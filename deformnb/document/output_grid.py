@@ -35,7 +35,7 @@ def output_grid(
     >>> output_grid(Deformation(), volume, spacing=0.5, margin=1).grid.shape
     (12, 12, 12)
     """
-    document = document.in_unit(volume.grid.unit)
+    document = document.to_unit(volume.grid.unit)
     if isinstance(margin, str):
         if margin != "fit":
             raise DeformError(f'a margin is "fit" or lengths, got {margin!r:.60}.')

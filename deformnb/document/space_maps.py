@@ -67,7 +67,7 @@ def _to_unit(shape: _Shape, unit: str) -> _Shape:
     if not isinstance(lattice, Grid) or not lattice.unit:
         return shape
     assert isinstance(shape.region, Mask)
-    return replace(shape, region=replace(shape.region, lattice=replace(lattice.in_unit(unit), unit="")))
+    return replace(shape, region=replace(shape.region, lattice=replace(lattice.to_unit(unit), unit="")))
 
 
 def rescaled_step(step: AnyStep, unit: str) -> AnyStep:

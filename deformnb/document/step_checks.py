@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Floats, Progress
-from deformnb.analysis.folds import NEARLY_FOLDED, Folds, air_nodes, folds_of, jacobian_determinant, largest_safe_share
+from deformnb.analysis.folds import (
+    NEARLY_FOLDED,
+    Folds,
+    air_nodes,
+    find_folds,
+    jacobian_determinant,
+    largest_safe_share,
+)
 from deformnb.analysis.gaussian_process import Uncertainty, fit_system, process_scale, uncertainty
 from deformnb.analysis.quality import STRAIN, FitQuality, affine_split, fit_quality
 from deformnb.checks import check_arguments
@@ -94,21 +101,21 @@ def step_folds(step: Step, grid: Grid, field: AbstractField | None = None, is_ti
     Parameters
     ----------
     field : of the step on this grid, if it is there already.
-    is_tissue : of the step's input, see :func:`~deformnb.analysis.folds.folds_of`.
+    is_tissue : of the step's input, see :func:`~deformnb.analysis.folds.find_folds`.
     """
     lattice = fold_lattice(step, grid)
     found = step.field(grid) if field is None else field
-    return _refine_worst(found, lattice, folds_of(found, lattice, is_tissue=is_tissue), is_tissue)
+    return _refine_worst(found, lattice, find_folds(found, lattice, is_tissue=is_tissue), is_tissue)
 
 
 def document_folds(deformation: Deformation, grid: Grid) -> Folds:
     """The folds of a whole document: of its step on that step's lattice, or of several in space, 33 nodes a side."""
-    deformation = deformation.in_unit(grid.unit)
+    deformation = deformation.to_unit(grid.unit)
     steps = [step for step in deformation.steps if step.enabled]
     if len(steps) == 1:
         return step_folds(steps[0], grid)
     field, lattice = deformation.field(grid), _coarse_grid(grid, _IN_SPACE)
-    return _refine_worst(field, lattice, folds_of(field, lattice))
+    return _refine_worst(field, lattice, find_folds(field, lattice))
 
 
 def _refine_worst(field: AbstractField, lattice: Grid, folds: Folds, is_tissue: IsTissue | None = None) -> Folds:

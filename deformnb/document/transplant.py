@@ -74,7 +74,7 @@ def transplant(deformation: Deformation, grid: Grid, alignment: str = "none") ->
     """
     if alignment not in ALIGNMENTS:
         raise DeformError(f"unknown alignment {alignment!r}; choose one of {', '.join(ALIGNMENTS)}.")
-    return ALIGNMENTS[alignment](deformation.in_unit(grid.unit), grid)
+    return ALIGNMENTS[alignment](deformation.to_unit(grid.unit), grid)
 
 
 def with_true_spacing(deformation: Deformation, grid: Grid) -> tuple[Deformation, str]:
@@ -92,11 +92,11 @@ def with_true_spacing(deformation: Deformation, grid: Grid) -> tuple[Deformation
     OtherVolumeError
         If it holds what cannot be aligned with them.
     """
-    deformation = deformation.in_unit(grid.unit)
+    deformation = deformation.to_unit(grid.unit)
     known, made = deformation.older_spacing(grid), deformation.volume
     if known is None or made is None:
         return deformation, ""
-    there = made.grid or known.as_in_file(grid)
+    there = made.grid or known.to_file_spacing(grid)
     was = replace(made, origin=there.origin, direction=there.direction)
     try:
         moved = transplant(replace(deformation, volume=was), grid, "box")

@@ -200,7 +200,7 @@ def field_of_view(grid: Grid, plane: Plane, grids: ThompsonMap) -> Grid:
     rim = np.zeros((grids.target_nodes.reshape(-1, 2).shape[0], 3))
     rim[:, :2] = grids.target_nodes.reshape(-1, 2)
     rim[:, 2] = plane.to_plane(grid.center)[2]
-    return grid.covering(plane.from_plane(rim))
+    return grid.cover(plane.from_plane(rim))
 
 
 def write_pictures(result: Transformation, folder: Path) -> list[Path]:

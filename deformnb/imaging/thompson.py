@@ -378,7 +378,7 @@ class Sheet:
     def _shows_picture(self, raster: Raster) -> NDArray[np.bool_]:
         """Mask of the pixels of a deformed picture that show part of the original and not its surroundings."""
         a0, a1, b0, b1 = self.picture.raster.box
-        a, b = self.grids.field.on_raster(raster) + np.moveaxis(raster.points(), -1, 0)
+        a, b = self.grids.field.sample_on_raster(raster) + np.moveaxis(raster.points(), -1, 0)
         return np.asarray((a >= a0) & (a <= a1) & (b >= b0) & (b <= b1))
 
     def _colours(self, t: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -56,7 +56,7 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
     """
     to = "" if unit is None else check_unit(unit)
     if isinstance(given, Volume | Channels):
-        given = given.in_unit(to)
+        given = given.to_unit(to)
     if isinstance(given, Volume):
         labels = given.is_labels and given.dtype.kind in "iub"
         values = given.values.view(np.uint8) if given.dtype == np.bool_ else given.values
@@ -74,10 +74,10 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
             for volume, colour in zip(given.volumes, given.colours, strict=True)
         ]
     if isinstance(given, Landmarks):
-        given = given.in_unit(to)
+        given = given.to_unit(to)
         return [_points(given.points, given.names, "landmarks", given.unit or to)]
     if isinstance(given, ControlPoints):
-        given = given.in_unit(to)
+        given = given.to_unit(to)
         return [
             _points(places, given.names, name, given.unit or to)
             for name, places in (("sources", given.source), ("targets", given.target))

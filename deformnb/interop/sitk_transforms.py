@@ -48,10 +48,10 @@ def to_sitk_transform(field: AbstractField | HasField, grid: Grid | VolumeLike) 
     5.0
     """
     lattice = as_grid(grid)
-    values = as_transform_field(field, lattice).on_grid(lattice).astype(np.float64)
+    values = as_transform_field(field, lattice).sample_on_grid(lattice).astype(np.float64)
     sitk = optional_package("SimpleITK")
     values *= ratio(lattice.unit, "mm")
-    return sitk.DisplacementFieldTransform(image_of_vectors(sitk, values, lattice.in_unit("mm")))
+    return sitk.DisplacementFieldTransform(image_of_vectors(sitk, values, lattice.to_unit("mm")))
 
 
 def image_of_vectors(sitk: Any, values: NDArray[np.floating[Any]], grid: Grid) -> Any:

@@ -174,7 +174,7 @@ class BSplineField(AbstractField):
         for axis, n in enumerate(grid.shape):  # z, y, x
             k = 2 - axis
             index = first[k] + steps[k, k] * np.arange(n)
-            values = np.moveaxis(np.tensordot(self._along(index, k), values, (1, axis)), 0, axis)
+            values = np.moveaxis(np.tensordot(self._axis_weights(index, k), values, (1, axis)), 0, axis)
         return np.ascontiguousarray(np.moveaxis(values, -1, 0), dtype=np.float32)
 
     def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
@@ -186,7 +186,7 @@ class BSplineField(AbstractField):
             out[:, start : start + step] = np.moveaxis(self.displacement(np.moveaxis(places, 0, -1)), -1, 0)
         return out
 
-    def _along(self, index: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    def _axis_weights(self, index: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
         """Weights (n, N) of the coefficients along an axis, 0 outside the domain."""
         low, high = (end[axis] for end in self.domain)
         start, t, inside = _cell_of(np, index, low, high, int(self.counts[axis]), self.order, np.finfo(float).eps)

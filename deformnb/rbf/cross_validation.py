@@ -50,7 +50,7 @@ def leave_one_out(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str
     numpy.linalg.LinAlgError
         If the matrix is singular to working precision.
     """
-    return _single_errors(*_reduced(x, d, kernel, trend, nugget))
+    return _single_errors(*_reduce(x, d, kernel, trend, nugget))
 
 
 def leave_block_out(
@@ -70,7 +70,7 @@ def leave_block_out(
     >>> bool(np.allclose(blocks[0], single[4:])), len(blocks[1])
     (True, 2)
     """
-    c, d = _reduced(x, d, kernel, trend, nugget)
+    c, d = _reduce(x, d, kernel, trend, nugget)
     return _block_errors(c, c @ d, blocks)
 
 
@@ -84,7 +84,7 @@ def prediction_errors(
     numpy.linalg.LinAlgError
         If the matrix is singular to working precision.
     """
-    c, d = _reduced(x, d, kernel, trend, nugget)
+    c, d = _reduce(x, d, kernel, trend, nugget)
     lengths = np.full((len(x), 2), np.nan)
     lengths[:, 0] = np.linalg.norm(_single_errors(c, d), axis=1)
     for k, error in enumerate(_block_errors(c, c @ d, balls)):
@@ -115,7 +115,7 @@ def _block_errors(c: Floats, cd: Floats, blocks: Sequence[Positions]) -> list[Fl
     return errors
 
 
-def _reduced(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugget: Floats) -> tuple[Floats, Floats]:
+def _reduce(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugget: Floats) -> tuple[Floats, Floats]:
     """The matrix C (n, n), and displacements d (n, dim) of which C d are the coefficients of the fit.
 
     The polynomials are linear ones for affine trends, else constants. The similarity and rigid trends of least squares

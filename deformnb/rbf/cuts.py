@@ -363,7 +363,7 @@ class Decoupled(AbstractField):
                 out[own] = f.jacobian(x[own])
         return out
 
-    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+    def lattice_jacobians(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
         moves = [np.moveaxis(f.lattice_values(r, c, self.softness), 0, -1) for f in self.fields]
@@ -372,7 +372,7 @@ class Decoupled(AbstractField):
         for k, f in enumerate(self.fields):
             own = choice == k
             if own.any():
-                out = np.where(own, f.jacobian_on_outer_sum(r, c), out)
+                out = np.where(own, f.lattice_jacobians(r, c), out)
         return out
 
     def choice(self, sides: Sequence[Sides], dtype: Any = np.float64) -> SideChoice:

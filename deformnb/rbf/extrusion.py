@@ -365,13 +365,13 @@ class Extrusion(AbstractField):
                 inner[..., 2] += slope[..., None] * m.displacement(ab)
         return np.asarray(self.plane.frame[:2].T @ inner @ self.plane.frame)
 
-    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+    def lattice_jacobians(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         frame = self.plane.frame.astype(np.float32)
         r, c = self.lines(rows, columns)
         depth = r[2][:, None] + c[2][None, :]
         inner = np.zeros((2, 3, *depth.shape), dtype=np.float32)
         for m, w, slope in zip(self.maps, self.weights_at(depth), self.slopes_at(depth), strict=True):
-            inner[:, :2] += w.astype(np.float32) * m.jacobian_on_outer_sum(r[:2], c[:2])
+            inner[:, :2] += w.astype(np.float32) * m.lattice_jacobians(r[:2], c[:2])
             if slope.any():
                 inner[:, 2] += slope.astype(np.float32) * m.lattice_values(r[:2], c[:2], 1.0)
         return np.einsum("am,abrc,bk->mkrc", frame[:2], inner, frame, optimize=True)

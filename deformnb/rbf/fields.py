@@ -129,7 +129,7 @@ class AbstractField(ABC):
             found = np.moveaxis(_jacobians(self, flat.T), -1, 0)
         return found.reshape(*x.shape, self.dim)
 
-    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+    def lattice_jacobians(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         """:meth:`jacobian` at all points ``rows[:, r] + columns[:, c]``: dD_m/dx_k at [m, k] of (dim, dim, R, C)."""
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         out = np.empty((self.dim, self.dim, r.shape[1], c.shape[1]), dtype=np.float32)
@@ -165,18 +165,18 @@ class AbstractField(ABC):
         d, opacity = self.displacement_and_opacity(np.moveaxis(points, 0, -1))
         return np.asarray(np.moveaxis(d, -1, 0), dtype=np.float32), np.asarray(opacity, dtype=np.float32)
 
-    def on_raster(self, raster: Raster) -> NDArray[np.float32]:
+    def sample_on_raster(self, raster: Raster) -> NDArray[np.float32]:
         """Displacements at the pixel centres of a raster (dim 2): shape (2, nv, nu), components a, b first."""
         if self.dim != 2:
             raise DeformError("a field in space has no values on the raster of a picture; sample it on a grid.")
         return self.lattice_values(*raster_lines(raster), min(raster.spacing))
 
-    def on_grid(self, grid: Grid | VolumeLike) -> NDArray[np.float32]:
+    def sample_on_grid(self, grid: Grid | VolumeLike) -> NDArray[np.float32]:
         """Displacements at the voxel centres of a grid (dim 3): float32 [z, y, x, 3]."""
         return np.ascontiguousarray(np.moveaxis(self.components_on_grid(as_grid(grid)), 0, -1))
 
     def components_on_grid(self, grid: Grid) -> NDArray[np.float32]:
-        """:meth:`on_grid` in the order that the kernels read: (3, nz, ny, nx), components x, y, z first."""
+        """:meth:`sample_on_grid` in the order that the kernels read: (3, nz, ny, nx), components x, y, z first."""
         if self.dim != 3:
             raise DeformError("a field over a plane has no values on a grid in space; extrude it first.")
         return self.lattice_values(*grid_lines(grid), min(grid.spacing)).reshape(3, *grid.shape)
@@ -260,7 +260,7 @@ def as_field(given: AbstractField | HasField, grid: Grid | VolumeLike | None = N
     """
     own = given if isinstance(given, AbstractField) else getattr(given, "field", None)
     if isinstance(own, AbstractField):
-        return own if grid is None else in_unit(own, as_grid(grid).unit)
+        return own if grid is None else to_unit(own, as_grid(grid).unit)
     if isinstance(given, type) or not callable(own) or "grid" not in list(signature(own).parameters)[:1]:
         raise DeformError(
             f"a field or a Deformation is needed, got {short_value(given)}; fit_rbf(points) and "
@@ -353,7 +353,7 @@ class DisplacementField(AbstractField):
     def sample(cls, field: AbstractField | HasField, lattice: Grid | Raster | VolumeLike) -> DisplacementField:
         """Samples of another field, or of a deformation of a volume on this grid."""
         if isinstance(lattice, Raster):
-            found = as_field(field).on_raster(lattice)
+            found = as_field(field).sample_on_raster(lattice)
             return cls(np.ascontiguousarray(np.moveaxis(found, 0, -1)), lattice)
         grid = as_grid(lattice)
         values = aligned_empty((*grid.shape, 3), np.dtype(np.float32))  # which the kernels read without a copy
@@ -567,8 +567,8 @@ class Blended(AbstractField):
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(sum(f.jacobian(points) for f in self.fields))
 
-    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
-        return np.asarray(sum(f.jacobian_on_outer_sum(rows, columns) for f in self.fields))
+    def lattice_jacobians(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+        return np.asarray(sum(f.lattice_jacobians(rows, columns) for f in self.fields))
 
     def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
         return self.displacement_and_opacity(points)[1]
@@ -584,7 +584,7 @@ class Blended(AbstractField):
 @pytree(data_fields=["field"], meta_fields=["factor", "unit"])
 @dataclass(frozen=True, eq=False, repr=False)
 class Rescaled(AbstractField):
-    """A field in numbers of another unit of length: ``D(x) = factor D_field(x / factor)``; see :func:`in_unit`.
+    """A field in numbers of another unit of length: ``D(x) = factor D_field(x / factor)``; see :func:`to_unit`.
 
     Parameters
     ----------
@@ -626,13 +626,13 @@ class Rescaled(AbstractField):
         return self.factor * moves, opacity
 
 
-def in_unit(field: AbstractField, unit: str) -> AbstractField:
+def to_unit(field: AbstractField, unit: str) -> AbstractField:
     """The same map in numbers of another unit of length; itself where its own or the other one is not known.
 
     Examples
     --------
     >>> there = Affine(np.eye(3), np.array([0.0, 0.0, 2.0]), "mm")
-    >>> in_unit(there, "µm").displacement([0.0, 0.0, 0.0]).tolist()
+    >>> to_unit(there, "µm").displacement([0.0, 0.0, 0.0]).tolist()
     [0.0, 0.0, 2000.0]
     """
     return convert_unit(field, field.unit, unit)
@@ -650,7 +650,7 @@ def convert_unit(field: AbstractField, own: str, to: str) -> AbstractField:
         return field
     factor = ratio(own, to)
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
-        return DisplacementField(np.asarray(field.values) * factor, replace(field.lattice, unit=own).in_unit(to))
+        return DisplacementField(np.asarray(field.values) * factor, replace(field.lattice, unit=own).to_unit(to))
     if isinstance(field, Affine):
         return Affine(field.matrix, np.asarray(field.offset) * factor, to)
     if isinstance(field, Composed):
@@ -729,7 +729,7 @@ def _check_dimensions(
 ) -> tuple[AbstractField, ...]:
     known = tuple(as_field(f, grid) for f in fields)
     unit = next((f.unit for f in known if f.unit), "")
-    known = tuple(in_unit(f, unit) for f in known)
+    known = tuple(to_unit(f, unit) for f in known)
     if len({f.dim for f in known}) > 1:
         raise DeformError(f"fields over a plane and in space do not {verb}; extrude the plane's first.")
     return known

@@ -229,7 +229,7 @@ class RBFInterpolant(AbstractInterpolant):
     def folds_between_points(self) -> bool:
         """Check for ``det(1 + dD/dx) <= 0`` at a control point, next to it or between them.
 
-        Tests :meth:`steep_places`; :func:`deformnb.analysis.folds.folds_of` tests a whole picture.
+        Tests :meth:`steep_places`; :func:`deformnb.analysis.folds.find_folds` tests a whole picture.
         """
         if not np.asarray(self.coefficients).any() and self.polynomial.quadratic is None:
             return bool(np.linalg.det(np.eye(self.dim) + np.asarray(self.polynomial.linear) / self.support) <= 0)
@@ -342,7 +342,7 @@ class RBFInterpolant(AbstractInterpolant):
             raise DeformError(f"points must have shape (..., {self.dim}), got {x.shape}.")
         return ((x - self.origin) / self.support).reshape(-1, self.dim).T, x.shape
 
-    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+    def lattice_jacobians(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         """dD_m/dx_k at ``rows[:, r] + columns[:, c]``, (dim, dim, R, C): for pictures, not for proofs (float32)."""
         first, other = self._relative_lines(rows, columns)
         if self.is_identity:

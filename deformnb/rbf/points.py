@@ -184,12 +184,12 @@ class ControlPoints:
             unit,
         )
 
-    def in_unit(self, unit: str) -> ControlPoints:
+    def to_unit(self, unit: str) -> ControlPoints:
         """The same points in numbers of another unit; where their own or the other one is not known, themselves.
 
         Examples
         --------
-        >>> ControlPoints.from_arrays([[1, 2]], [[1, 3]], unit="mm").in_unit("um").target.tolist()
+        >>> ControlPoints.from_arrays([[1, 2]], [[1, 3]], unit="mm").to_unit("um").target.tolist()
         [[1000.0, 3000.0]]
         """
         to = check_unit(unit)

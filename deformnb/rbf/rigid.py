@@ -442,10 +442,10 @@ class RigidInterpolant(AbstractFit):
         out += drift_gradient(places, back, distances, slopes, self.matrices)
         return np.asarray(out).reshape(*x.shape, self.dim)
 
-    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+    def lattice_jacobians(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         if not all(map(_is_still, self.matrices, self.shifts)):
-            return super().jacobian_on_outer_sum(r, c)
+            return super().lattice_jacobians(r, c)
         measured = [cached_gradients(region, r, c) for region in self.regions]  # a drag moves no parts
         shape = (r.shape[1], c.shape[1])
         weight, rate = weight_gradient(
@@ -453,7 +453,7 @@ class RigidInterpolant(AbstractFit):
         )
         base = self.base.lattice_values(r, c, 1.0)
         rate = np.moveaxis(rate.reshape(*shape, self.dim), -1, 0)
-        out = weight.reshape(shape) * self.base.jacobian_on_outer_sum(r, c) + base[:, None] * rate[None]
+        out = weight.reshape(shape) * self.base.lattice_jacobians(r, c) + base[:, None] * rate[None]
         return np.asarray(out, dtype=np.float32)
 
     def parts_at(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -116,7 +116,7 @@ class TipBlend(AbstractFit):
             moves = _one_less(moves, w)
         return slopes[0]
 
-    def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
+    def lattice_jacobians(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         places = np.moveaxis(_outer_sum(rows, columns), 0, -1)
         return np.moveaxis(self.jacobian(places), (-2, -1), (0, 1)).astype(np.float32)
 

@@ -399,13 +399,13 @@ def _to_unit_of(moving: Pictured, points: ControlPoints, fixed: Pictured) -> tup
     moving, fixed = (image if isinstance(image, Picture) else as_volume(image) for image in (moving, fixed))
     own, other = ("" if image.grid is None else image.grid.unit for image in (moving, fixed))
     if not isinstance(fixed, Picture):
-        fixed = fixed.in_unit(own)
+        fixed = fixed.to_unit(own)
     elif own and other and own != other:
         raise DeformError(
             f"the moving picture is of a volume in {own} and the fixed one of a volume in {other}; bring "
-            f'them to one unit before they are projected: volume.in_unit("{own}").'
+            f'them to one unit before they are projected: volume.to_unit("{own}").'
         )
-    return points.in_unit(own), fixed
+    return points.to_unit(own), fixed
 
 
 def _check_options(energy: float, iterations: int, least: float) -> None:

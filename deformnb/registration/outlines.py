@@ -133,13 +133,13 @@ class ClosedCurve:
         """Once along it."""
         return float(self.at_vertex[-1])
 
-    def within(self, s: Floats) -> Floats:
+    def wrap(self, s: Floats) -> Floats:
         """Arc lengths brought to [0, length]."""
         return np.asarray(s % self.length if self.closed else np.clip(s, 0, self.length))
 
     def at(self, s: ArrayLike) -> Floats:
         """Points (..., 2) at arc lengths."""
-        s = self.within(np.asarray(s, dtype=np.float64))
+        s = self.wrap(np.asarray(s, dtype=np.float64))
         k = np.clip(np.searchsorted(self.at_vertex, s, side="right") - 1, 0, len(self.ring) - 2)
         first, last = self.ring[k], self.ring[k + 1]
         t = (s - self.at_vertex[k]) / (self.at_vertex[k + 1] - self.at_vertex[k])
@@ -394,7 +394,7 @@ class _Sliding:
         room = np.array([curve.length for curve in self._curves])
         for curve in {id(c): c for c in self._curves}.values():
             on = np.array([k for k, c in enumerate(self._curves) if c is curve])
-            s = curve.within(self.s[on])
+            s = curve.wrap(self.s[on])
             order = np.argsort(s)
             if len(on) > 1:
                 step = np.diff(s[order], append=s[order[0]] + (curve.length if curve.closed else np.inf))

@@ -134,7 +134,7 @@ class Autosave:
         TimeoutError
             If it takes longer, or the volume cannot be identified, so that nothing is written at all.
         """
-        if not self._job.flushed(timeout):
+        if not self._job.flush(timeout):
             raise TimeoutError(f"the session was not written within {timeout:g} seconds.")
 
     def close(self, timeout: float = _WAIT_AT_CLOSE) -> bool:
@@ -153,7 +153,7 @@ class Autosave:
             session.editing.unobserve(self._job.note_edit, _WATCHED)
             session.files.unobserve(self._job.note_saved, "saved")
         self._job.end()
-        return self._job.is_here or self._job.left(timeout)
+        return self._job.is_current_thread or self._job.wait_released(timeout)
 
 
 class _Reports:
@@ -172,7 +172,7 @@ class _Reports:
         """The volume is identified."""
         _safely(lambda: self._on_ready and self._on_ready(reference))
 
-    def written(self, entry: SavedSession | None) -> None:
+    def note_written(self, entry: SavedSession | None) -> None:
         """A snapshot is safe; None where nothing had to be written."""
         self._has_trouble = False
         _safely(lambda: entry and self._on_written and self._on_written(entry))
@@ -293,7 +293,7 @@ class _Job:
     # -- from the session's threads ------------------------------------------------------------------------------------
 
     @property
-    def is_here(self) -> bool:
+    def is_current_thread(self) -> bool:
         """True in the thread that writes."""
         return threading.current_thread() is self.thread
 
@@ -328,7 +328,7 @@ class _Job:
         self.due = min(now + self.delay, self.since + LONGEST_WAIT * max(self.delay, 1e-3))
         self.start()  # a thread that waits already checks the time again when it wakes
 
-    def flushed(self, timeout: float) -> bool:
+    def flush(self, timeout: float) -> bool:
         with self.changed:
             self.is_urgent = True
             self.changed.notify_all()
@@ -350,7 +350,7 @@ class _Job:
         if is_free and in_this_thread:
             _run(self)
 
-    def left(self, timeout: float) -> bool:
+    def wait_released(self, timeout: float) -> bool:
         """Wait until the file is held no more."""
         with self.changed:
             return self.changed.wait_for(lambda: self.is_done, timeout)
@@ -378,7 +378,7 @@ class _Job:
         try:
             entry = self.file.write(snapshot)
             self.unwritten = None
-            self.reports.written(entry)
+            self.reports.note_written(entry)
             self.file.prune()
         except Exception as error:  # a full disk, a folder that is gone or read-only
             self.unwritten = snapshot
@@ -408,7 +408,7 @@ def _run(job: _Job) -> None:
         _LOG.exception("a session is not written by itself")
         job.reports.trouble(error)
     finally:
-        if job.is_here:  # else the thread was given up, and another may be at work by now
+        if job.is_current_thread:  # else the thread was given up, and another may be at work by now
             _safely(job.leave)
 
 
@@ -446,7 +446,7 @@ def _end_all() -> None:
     for job in jobs:
         job.end(in_this_thread=True)  # no thread can be started any more
     for job in jobs:
-        job.left(max(0.0, until - time.monotonic()))
+        job.wait_released(max(0.0, until - time.monotonic()))
 
 
 def _release_all() -> None:
@@ -555,7 +555,7 @@ class Recovery:
         self.session.editing.edit_document(document, f"restore the edit of {moment(entry.edited)}", index=index)
         self.autosave.replaces(entry)
 
-    def go_back(self, which: int) -> None:
+    def resume(self, which: int) -> None:
         """Go on with one of the :attr:`earlier` sessions; can be undone.
 
         Raises

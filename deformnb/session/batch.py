@@ -24,7 +24,7 @@ from deformnb.errors import Cancelled, DeformError
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.landmarks.formats import is_landmarks
 from deformnb.io.meshes.formats import is_mesh
-from deformnb.io.volumes.formats import format_of, read_volume, write_volume
+from deformnb.io.volumes.formats import find_format, read_volume, write_volume
 from deformnb.session.view_state import without_view_state
 
 RECORD = "deformnb-replay.json"
@@ -88,7 +88,7 @@ def _is_known(path: Path) -> bool:
     if is_mesh(path) or is_landmarks(path):
         return True
     try:
-        format_of(path, writing=False)
+        find_format(path, writing=False)
     except DeformError:
         return False
     return True

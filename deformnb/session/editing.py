@@ -199,7 +199,7 @@ class Editing(traitlets.HasTraits):
             If they cannot be fitted; everything stays as it was.
         """
         with self.lock:
-            points = replace(points.in_unit(self.grid.unit), unit="")
+            points = replace(points.to_unit(self.grid.unit), unit="")
             step = _rename_points(self.step.with_points(points, self.key), self.key, self.points)
             self.edit_document(self.deformation.with_step(self.index, step), label, kind=kind)
 
@@ -404,7 +404,7 @@ class Editing(traitlets.HasTraits):
     def _check(self, deformation: Any) -> Deformation:
         if not isinstance(deformation, Deformation):
             raise DeformError(f"a session holds a Deformation, got {type(deformation).__name__}.")
-        deformation = deformation.in_unit(self.grid.unit)
+        deformation = deformation.to_unit(self.grid.unit)
         if not deformation.steps:
             deformation = replace(deformation, steps=(self.initial_step(self._home),))
         deformation.field(self.grid)  # refuses what cannot be fitted
@@ -422,7 +422,7 @@ class Editing(traitlets.HasTraits):
         return self.state.deformation.output
 
     @traitlets.observe("output")
-    def _on_output_removal(self, change: Any) -> None:
+    def _remove_output(self, change: Any) -> None:
         if change["new"] is None:  # traitlets validates no None
             self._set_output(None)
 

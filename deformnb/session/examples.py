@@ -69,7 +69,7 @@ def bend(step: Step, picture: Picture) -> Step:
     return step.with_points(ControlPoints.from_arrays(source, target - _SAG * size * across))
 
 
-def cut_open(step: Step, picture: Picture) -> Step:
+def open_cut(step: Step, picture: Picture) -> Step:
     """An incision along the subject that stops inside it at both ends and in its depth, pulled open.
 
     A point on either side is moved away from the cut; points around it hold the rest.
@@ -100,7 +100,7 @@ def thompson(step: Step, picture: Picture) -> Step:
 
 EXAMPLES: dict[str, Example] = {
     "bend": Example("Bend it", "What is seen is bent to an arc", bend),
-    "open": Example("Cut it open", "An incision in front, and two points that pull it open", cut_open),
+    "open": Example("Cut it open", "An incision in front, and two points that pull it open", open_cut),
     "thompson": Example("Thompson's fish", "The grid by which D'Arcy Thompson turned one fish into another", thompson),
 }
 """Examples by name."""

@@ -122,7 +122,7 @@ class Frozen:
         """The displacement of the whole document."""
         return self.deformation.field(self.volume)
 
-    def deformed(self, progress: Progress) -> Volume:
+    def deformed_volume(self, progress: Progress) -> Volume:
         """The deformed volume.
 
         Raises
@@ -198,7 +198,7 @@ def _volume(it: Frozen, path: Path, progress: Progress) -> None:
     if it.channels is not None:
         write_channels(it.deformed_channels(first_half), path, progress=second_half)
     else:
-        write_volume(it.deformed(first_half), path, progress=second_half)
+        write_volume(it.deformed_volume(first_half), path, progress=second_half)
 
 
 def _full_resolution(it: Frozen, path: Path, progress: Progress) -> None:
@@ -239,7 +239,7 @@ def _draw_view(it: Frozen, progress: Progress) -> Image:
 
 def _draw_camera(it: Frozen, progress: Progress) -> Image:
     return render_volume(
-        it.deformed(lambda share: progress(0.5 * share)),
+        it.deformed_volume(lambda share: progress(0.5 * share)),
         transfer=it.transfer,
         direction=it.seen.camera["direction"],
         up=it.seen.camera["up"],
@@ -261,7 +261,7 @@ def _write_drawing(it: Frozen, path: Path, progress: Progress) -> None:
         drawn = [it.picture.picture_of_channels(one) for one in (channels, it.deformed_channels(first_part))]
     else:
         original = it.volume if it.output is None else Warper(it.volume, output=it.output)(Identity(3))
-        drawn = [it.picture.picture(one) for one in (original, it.deformed(first_part))]
+        drawn = [it.picture.picture(one) for one in (original, it.deformed_volume(first_part))]
         drawn = [replace(one, window=it.window or one.window, colour_map=it.colour_map) for one in drawn]
     progress(0.8)
     draw_pictures(drawn, points=[None, points], titles=["before", "after"], path=path)

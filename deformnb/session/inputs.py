@@ -46,7 +46,7 @@ def volume_from(
     if not isinstance(given, str | PathLike):
         found = as_volume(given)
         found = found if spacing is None else replace(found, grid=replace(found.grid, spacing=as_spacing(spacing)))
-        return found if is_labels is None else found.decided(is_labels)
+        return found if is_labels is None else found.mark_labels(is_labels)
     if not is_mesh(given):
         return read_volume(given, spacing=spacing, is_labels=is_labels, level=level, progress=progress)
     if spacing is not None:

@@ -266,7 +266,7 @@ class Pictures(traitlets.HasTraits):
 
     @traitlets.validate("channel_displays")
     def _valid_displays(self, proposal: Any) -> tuple[ChannelDisplay, ...]:
-        given, count = tuple(proposal["value"]), 0 if self._channels is None else len(self._channels.coloured)
+        given, count = tuple(proposal["value"]), 0 if self._channels is None else len(self._channels.coloured_channels)
         if len(given) != count or not all(isinstance(one, ChannelDisplay) for one in given):
             raise DeformError(
                 f"channel_displays are a ChannelDisplay for each of the {count} channels that have a "

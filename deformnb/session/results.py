@@ -13,7 +13,7 @@ from deformnb.analysis.extent import (
     Foreground,
     exceeded_sides,
     field_of_view,
-    foreground_of,
+    find_foreground,
     padded,
     reached_places,
 )
@@ -141,7 +141,7 @@ class Results:
 
     def foreground(self) -> Foreground:
         """Foreground of the volume; looked up once."""
-        return self._foreground.of(lambda: None, lambda _: foreground_of(self._volume))
+        return self._foreground.of(lambda: None, lambda _: find_foreground(self._volume))
 
 
 def _moves(deformation: Deformation) -> bool:

@@ -94,7 +94,7 @@ class Session:
         self.pictures = Pictures(volume, channels, self.editing, **view_state)
         self.results = Results(volume, channels, self.editing)
         self.files = Files(volume, source)
-        notes = (*volume.decided(volume.is_labels).notes, laid)  # the front end asks about labels
+        notes = (*volume.mark_labels(volume.is_labels).notes, laid)  # the front end asks about labels
         self.editing.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in notes if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see Files.difference
         self.pictures.restore(stored, besides=view_state, is_other=made_on is not None and made_on.shape != grid.shape)
@@ -119,7 +119,7 @@ class Session:
             raise DeformError(
                 "these landmarks lie on a picture, and the points of this step in space: choose another step."
             )
-        landmarks = landmarks.in_unit(self.editing.grid.unit)
+        landmarks = landmarks.to_unit(self.editing.grid.unit)
         source, points = landmarks.points, self.editing.points
         target = source if landmarks.fixed is None else np.where(np.isfinite(landmarks.fixed), landmarks.fixed, source)
         if plane is not None and source.shape[1] == 3:
@@ -188,7 +188,7 @@ class Session:
 
     def document(self) -> Deformation:
         """The deformation, its view state, and the checksum of its volume, as it is saved."""
-        return self.pictures.view_state.added_to(replace(self.editing.deformation, volume=self.files.reference()))
+        return self.pictures.view_state.add_to(replace(self.editing.deformation, volume=self.files.reference()))
 
     def code(self, volume: str = "") -> str:
         """The document as a Python script; see :func:`deformnb.document.script.as_python`.

@@ -47,7 +47,7 @@ class ViewState:
     def __post_init__(self) -> None:
         check_fields(self)
 
-    def added_to(self, deformation: Deformation) -> Deformation:
+    def add_to(self, deformation: Deformation) -> Deformation:
         """A document with this view state."""
         transfer: Any = self.transfer
         if isinstance(transfer, TransferFunction):

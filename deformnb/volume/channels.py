@@ -199,9 +199,9 @@ class Channels:
         """The same channels with other voxels, such as those that :func:`deformnb.warp` has deformed."""
         return replace(self, volumes=tuple(as_volumes(volumes)))
 
-    def in_unit(self, unit: str) -> Channels:
-        """The same channels (shared) in numbers of another unit of length; see :meth:`Grid.in_unit`."""
-        volumes = [volume.in_unit(unit) for volume in self.volumes]
+    def to_unit(self, unit: str) -> Channels:
+        """The same channels (shared) in numbers of another unit of length; see :meth:`Grid.to_unit`."""
+        volumes = [volume.to_unit(unit) for volume in self.volumes]
         return self if volumes[0] is self.volumes[0] else self.with_volumes(volumes)
 
     def brightness(self) -> Volume:
@@ -218,7 +218,7 @@ class Channels:
         return Volume(values, self.grid, self.name)
 
     @property
-    def coloured(self) -> tuple[Volume, ...]:
+    def coloured_channels(self) -> tuple[Volume, ...]:
         """The channels that have a colour: all but the opacity of "rgba"."""
         return self.volumes[:3] if self.kind == "rgba" else self.volumes
 
@@ -227,7 +227,9 @@ class Channels:
 
         Whole numbers of colours (kind "rgb") have their own scale.
         """
-        return tuple(ChannelDisplay(self.colours[k], self._display_range(k)) for k in range(len(self.coloured)))
+        return tuple(
+            ChannelDisplay(self.colours[k], self._display_range(k)) for k in range(len(self.coloured_channels))
+        )
 
     def composite(
         self, pictures: Sequence[NDArray[Any]] | None = None, displays: Sequence[ChannelDisplay] | None = None
@@ -242,8 +244,8 @@ class Channels:
         parts = [volume.values for volume in self.volumes] if pictures is None else list(pictures)
         out = np.zeros((*np.shape(parts[0]), 4), np.float32)
         given = self.displays() if displays is None else displays
-        if len(given) != len(self.coloured):
-            raise DeformError(f"{len(self.coloured)} channels need as many displays, got {len(given)}.")
+        if len(given) != len(self.coloured_channels):
+            raise DeformError(f"{len(self.coloured_channels)} channels need as many displays, got {len(given)}.")
         for part, display in zip(parts, given, strict=False):
             if display.visible:
                 low, high = display.window

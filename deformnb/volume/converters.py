@@ -72,11 +72,11 @@ def convert(given: Any) -> Volume | Channels:
     if callable(own) and not isinstance(given, type):  # a volume that is read in parts
         whole: Volume = own()
         return whole
-    converter = converter_of(given)
+    converter = find_converter(given)
     return _from_array(given) if converter is None else converter(given)
 
 
-def converter_of(given: Any) -> Converter | None:
+def find_converter(given: Any) -> Converter | None:
     """The row of :data:`CONVERTERS` for an object; None for one of no such package."""
     if isinstance(given, type):
         return None
@@ -93,7 +93,7 @@ def converter_of(given: Any) -> Converter | None:
 
 def states_place(given: Any) -> bool:
     """Check whether an object is an image of another package, with the place of its voxels; no array and no file is."""
-    return converter_of(given) not in (None, _from_chunks)
+    return find_converter(given) not in (None, _from_chunks)
 
 
 def is_layer(given: Any) -> bool:

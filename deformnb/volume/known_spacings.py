@@ -62,11 +62,11 @@ class KnownSpacing:
         """Check whether a grid is that of this volume with its true spacing."""
         return grid.shape == self.shape and bool(np.allclose(grid.spacing, self.spacing, rtol=1e-5, atol=0))
 
-    def as_in_file(self, grid: Grid) -> Grid:
+    def to_file_spacing(self, grid: Grid) -> Grid:
         """The volume's grid with the spacing of its file."""
         return replace(grid, spacing=self.header_spacing)
 
-    def corrected(self, output: Grid, grid: Grid) -> Grid:
+    def correct_spacing(self, output: Grid, grid: Grid) -> Grid:
         """The grid of a result that was made with the spacing of the file, on the same voxels with the true one.
 
         Parameters
@@ -74,7 +74,7 @@ class KnownSpacing:
         output : its directions are those of the volume.
         grid : of the volume, with the true spacing.
         """
-        index = self.as_in_file(grid).point_to_index(output.origin)
+        index = self.to_file_spacing(grid).point_to_index(output.origin)
         x, y, z = (float(s) for s in np.asarray(output.spacing) / self.header_spacing * self.spacing)
         return replace(grid, shape=output.shape, spacing=(x, y, z), origin=tuple(grid.index_to_point(index)))
 

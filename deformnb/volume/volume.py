@@ -493,12 +493,12 @@ class Grid:
         """3 x 3 map from an index (i, j, k) to a vector in space: direction times spacing."""
         return np.asarray(self.direction) * np.asarray(self.spacing)
 
-    def in_unit(self, unit: str) -> Grid:
+    def to_unit(self, unit: str) -> Grid:
         """The same places in numbers of another unit; where this grid's own or the other one is not known, itself.
 
         Examples
         --------
-        >>> Grid((4, 5, 6), (0.5, 0.5, 2.0), unit="mm").in_unit("micrometer").spacing
+        >>> Grid((4, 5, 6), (0.5, 0.5, 2.0), unit="mm").to_unit("micrometer").spacing
         (500.0, 500.0, 2000.0)
         """
         to = check_unit(unit)
@@ -564,7 +564,7 @@ class Grid:
     @check_arguments
     def is_like(self, other: Grid) -> bool:
         """True if the voxels of both are at the same places, to the digits of files, for any units."""
-        other = other.in_unit(self.unit)
+        other = other.to_unit(self.unit)
         close = 1e-5 * min(other.spacing)
         return (
             self.shape == other.shape
@@ -590,7 +590,7 @@ class Grid:
     @check_arguments
     def overlaps(self, other: Grid) -> bool:
         """Check whether the upright boxes around two grids have places in common."""
-        own, others = self.corners(), other.in_unit(self.unit).corners()
+        own, others = self.corners(), other.to_unit(self.unit).corners()
         return not ((own.max(axis=0) < others.min(axis=0)).any() or (own.min(axis=0) > others.max(axis=0)).any())
 
     @property
@@ -617,7 +617,7 @@ class Grid:
         origin = self.index_to_point(start[::-1])
         return replace(self, shape=shape, origin=tuple(origin))
 
-    def covering(self, points: ArrayLike) -> Grid:
+    def cover(self, points: ArrayLike) -> Grid:
         """The same lattice with as many more voxels on each side as it takes to contain ``points`` (..., 3)."""
         index = self.point_to_index(points).reshape(-1, 3)
         if not (np.abs(index) < _MOST_VOXELS).all():
@@ -801,13 +801,13 @@ class Volume:
         """True where a note states that the voxels may be labels."""
         return any(note.startswith(_LIKE_LABELS) for note in self.notes)
 
-    def decided(self, is_labels: bool) -> Volume:
+    def mark_labels(self, is_labels: bool) -> Volume:
         """The same voxels as labels or as amounts, without that note.
 
         Examples
         --------
         >>> bones = np.repeat(np.arange(0, 90, 9, dtype=np.int16), 400).reshape(10, 20, 20)
-        >>> Volume.from_array(np.tile(bones, (1, 1, 2))).decided(True).is_labels
+        >>> Volume.from_array(np.tile(bones, (1, 1, 2))).mark_labels(True).is_labels
         True
         """
         notes = tuple(note for note in self.notes if not note.startswith(_LIKE_LABELS))
@@ -933,19 +933,19 @@ class Volume:
         affine = LPS_TO_RAS @ np.asarray(image.affine, dtype=np.float64)
         return cls.from_affine(values.T, affine, name, is_labels, unit=nibabel_unit(image))
 
-    def in_unit(self, unit: str) -> Volume:
-        """The same voxels (shared) at the same places, in numbers of another unit; see :meth:`Grid.in_unit`.
+    def to_unit(self, unit: str) -> Volume:
+        """The same voxels (shared) at the same places, in numbers of another unit; see :meth:`Grid.to_unit`.
 
         Examples
         --------
-        >>> Volume.from_array(np.zeros((2, 3, 4)), (0.5, 0.5, 2.0), unit="mm").in_unit("um")
+        >>> Volume.from_array(np.zeros((2, 3, 4)), (0.5, 0.5, 2.0), unit="mm").to_unit("um")
         <Volume: 4 x 3 x 2 voxels (x, y, z), float64, spacing 500 x 500 x 2000 µm>
         """
-        grid, level = self.grid.in_unit(unit), self.level
+        grid, level = self.grid.to_unit(unit), self.level
         if grid is self.grid:
             return self
         if level is not None:
-            level = replace(level, grids=tuple(one.in_unit(unit) for one in level.grids))
+            level = replace(level, grids=tuple(one.to_unit(unit) for one in level.grids))
         return replace(self, grid=grid, level=level)
 
     @property
@@ -966,7 +966,7 @@ class Volume:
 
         VTK has no units: lengths are millimetres, or those of the volume where its unit is not known.
         """
-        grid, pyvista = self.grid.in_unit("mm"), optional_package("pyvista")
+        grid, pyvista = self.grid.to_unit("mm"), optional_package("pyvista")
         image = pyvista.ImageData(
             dimensions=self.shape[::-1],
             spacing=grid.spacing,
@@ -983,7 +983,7 @@ class Volume:
 
         Where the unit of the volume is not known its numbers are taken as they are.
         """
-        grid = self.grid.in_unit("mm")
+        grid = self.grid.to_unit("mm")
         values = self.values.view(np.uint8) if self.dtype == np.bool_ else self.values
         image = optional_package("SimpleITK").GetImageFromArray(np.ascontiguousarray(values))
         image.SetSpacing(grid.spacing)
@@ -996,7 +996,7 @@ class Volume:
 
         It has the unit of the volume, or millimetres where NIfTI has no code for that one.
         """
-        grid = self.grid if self.grid.unit in NIFTI_UNITS else self.grid.in_unit("mm")
+        grid = self.grid if self.grid.unit in NIFTI_UNITS else self.grid.to_unit("mm")
         values = self.values.view(np.uint8) if self.dtype == np.bool_ else self.values
         image = optional_package("nibabel").Nifti1Image(values.T, LPS_TO_RAS @ grid.affine)
         image.header.set_xyzt_units(NIFTI_UNITS[grid.unit])
@@ -1108,7 +1108,7 @@ def as_output(given: Grid | VolumeLike, own: Grid) -> Grid:
     'mm'
     """
     grid = as_grid(given)
-    return grid.in_unit(own.unit) if grid.unit or not own.unit else replace(grid, unit=own.unit)
+    return grid.to_unit(own.unit) if grid.unit or not own.unit else replace(grid, unit=own.unit)
 
 
 def as_volume(given: VolumeLike) -> Volume:

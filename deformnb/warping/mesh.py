@@ -96,15 +96,15 @@ class Mesh:
 
     def to_pyvista(self) -> Any:
         """A ``pyvista.PolyData`` with the same corners (float64) and triangles, in mm where the unit is known."""
-        points = np.array(self.in_unit("mm").points)
+        points = np.array(self.to_unit("mm").points)
         return optional_package("pyvista").PolyData.from_regular_faces(points, np.array(self.faces))
 
-    def in_unit(self, unit: str) -> Mesh:
+    def to_unit(self, unit: str) -> Mesh:
         """The same surface in numbers of another unit; itself where its own or the other one is not known.
 
         Examples
         --------
-        >>> Mesh([[1, 2, 3]], [], unit="mm").in_unit("µm").points.tolist()
+        >>> Mesh([[1, 2, 3]], [], unit="mm").to_unit("µm").points.tolist()
         [[1000.0, 2000.0, 3000.0]]
         """
         to = check_unit(unit)
@@ -241,7 +241,7 @@ def signed_distance(
             "Close its holes first, for example with pyvista's fill_holes."
         )
     lattice = grid_around(mesh, size=size, margin=margin) if grid is None else as_grid(grid)
-    merged = merged.in_unit(lattice.unit)
+    merged = merged.to_unit(lattice.unit)
     values = triangles.distances(
         lattice.point_to_index(merged.points), merged.faces, lattice, oriented=oriented, progress=progress
     )
@@ -385,7 +385,7 @@ def warp_mesh(mesh: MeshLike, field: AbstractField | HasField, grid: Grid | Volu
     if field.dim != 3:
         raise DeformError("a mesh needs a field in space; extrude the field of a plane first.")
     there, notes = field.unit or ("" if grid is None else as_grid(grid).unit), mesh.notes
-    here = mesh.in_unit(there)
+    here = mesh.to_unit(there)
     moved, found = warp_points(here.points, field)
     if here is not mesh:
         notes += (f"the mesh is in {mesh.unit} and the volume in {there}: its lengths were converted",)
@@ -393,7 +393,7 @@ def warp_mesh(mesh: MeshLike, field: AbstractField | HasField, grid: Grid | Volu
         moved = here.points + _smooth(moved - here.points, found, mesh.faces)
         why = "the map folds there, or a cut hides them; they follow their neighbours"
         notes += (f"{np.count_nonzero(~found)} of {len(found)} corners have no place in the result: {why}",)
-    return replace(here, points=moved, notes=notes).in_unit(mesh.unit)
+    return replace(here, points=moved, notes=notes).to_unit(mesh.unit)
 
 
 def _smooth(moves: NDArray[np.float64], known: NDArray[np.bool_], faces: NDArray[np.int64]) -> NDArray[np.float64]:

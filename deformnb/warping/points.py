@@ -367,12 +367,12 @@ class Landmarks:
     def __len__(self) -> int:
         return len(self.points)
 
-    def in_unit(self, unit: str) -> Landmarks:
+    def to_unit(self, unit: str) -> Landmarks:
         """The same places in numbers of another unit; where their own or the other one is not known, themselves.
 
         Examples
         --------
-        >>> Landmarks([[1, 2, 3]], unit="mm").in_unit("µm").points.tolist()
+        >>> Landmarks([[1, 2, 3]], unit="mm").to_unit("µm").points.tolist()
         [[1000.0, 2000.0, 3000.0]]
         """
         to = check_unit(unit)

@@ -57,7 +57,7 @@ def picture_mode(shows: str) -> str:
     return shows if shows in PICTURE_SHOWS else PICTURE_SHOWS[0]
 
 
-def compared(shows: str, original: Image, deformed: Image) -> Image:
+def comparison_image(shows: str, original: Image, deformed: Image) -> Image:
     """A still of a display mode: the line of "wipe" is in the middle, "fade" has half of each.
 
     Parameters
@@ -148,7 +148,7 @@ def checked_camera(value: Any) -> dict[str, Any]:
     return {**whole, "perspective": True} if given.get("perspective") else whole
 
 
-def turned(
+def update_camera(
     camera: Mapping[str, Any],
     direction: ArrayLike | None = None,
     up: ArrayLike | None = None,
@@ -210,6 +210,6 @@ def camera_of(view: Mapping[str, Any], box: Grid, aspect: float) -> Camera:
     return Camera(plane, height, STANDOFF * height if view.get("perspective") else None)
 
 
-def within(progress: Progress | None, first: float, last: float) -> Progress | None:
+def partial_progress(progress: Progress | None, first: float, last: float) -> Progress | None:
     """Progress of a part of some work, reported as that part of the whole."""
     return None if progress is None else lambda share: progress(first + share * (last - first))

@@ -197,7 +197,7 @@ def _messages() -> Iterator[str]:
         yield f"/** {' or '.join(part.__name__ for part in get_args(union))}. */"
         yield f"export type {name} = {typescript(union)};"
     for channel in CHANNELS:
-        for way, messages in (("ToPython", channel.received), ("ToFrontEnd", channel.to_front_end)):
+        for way, messages in (("ToPython", channel.incoming_records), ("ToFrontEnd", channel.to_front_end)):
             if messages:
                 yield ""
                 yield f"/** Any message of {', '.join(channel.widgets)}. */"
@@ -237,7 +237,7 @@ def messages_page() -> str:
 
 
 def _rows(channel: Channel[Any]) -> Iterator[str]:
-    for way, messages in (("to Python", channel.received), ("to the front end", channel.to_front_end)):
+    for way, messages in (("to Python", channel.incoming_records), ("to the front end", channel.to_front_end)):
         for message in messages:
             about = f"{way}: {_about(message)}"
             yield f"| `{message.tag()}` | {about} | {_fields(message)} | {message.binary.about} |"

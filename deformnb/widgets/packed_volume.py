@@ -139,25 +139,25 @@ class Pieces:
 
     Parameters
     ----------
-    shown : whose pieces they are. Another volume has other pieces, so that none of this one gets among them.
+    volume : whose pieces they are. Another volume has other pieces, so that none of this one gets among them.
 
     Examples
     --------
-    >>> shown = packed_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), 100, 100)
-    >>> start, packed = Pieces(shown)[0]
+    >>> volume = packed_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), 100, 100)
+    >>> start, packed = Pieces(volume)[0]
     >>> start, len(gzip.decompress(packed))
     (0, 24)
     """
 
-    def __init__(self, shown: PackedVolume) -> None:
-        self.shown = shown
+    def __init__(self, volume: PackedVolume) -> None:
+        self.volume = volume
         self._lock = threading.Lock()
         self._made: dict[int, tuple[int, bytes]] = {}
 
     def __getitem__(self, index: int) -> tuple[int, bytes]:
         with self._lock:
             if index not in self._made:
-                self._made[index] = self.shown.chunk(index)
+                self._made[index] = self.volume.chunk(index)
             return self._made[index]
 
 

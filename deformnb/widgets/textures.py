@@ -148,7 +148,7 @@ def softness_of(plane: CutPlane, grid: Grid) -> float:
     return float((along @ np.asarray(grid.spacing)).mean())
 
 
-def about_cut(plane: CutPlane, raster: Raster) -> PlaneCutData:
+def describe_cut(plane: CutPlane, raster: Raster) -> PlaneCutData:
     """Entries of a message about the cuts without their distances. ``id`` names the distances, which seldom change."""
     assert plane.cut is not None
     data = [region_to_data(r) for r in plane.cut.regions]
@@ -222,7 +222,7 @@ class SpaceLayers:
 def space_layers(chain: CutChain, points: NDArray[np.float64]) -> SpaceLayers | None:
     """The samples of every region at points (..., 3); None if there are too many regions."""
     cut = chain.cut
-    before, kept = _through(chain.later, points)
+    before, kept = _trace_sources(chain.later, points)
     here = _distances(cut, before)
     sides = _all_sides(cut, here)
     if len(sides) > MOST_REGIONS:
@@ -232,13 +232,13 @@ def space_layers(chain: CutChain, points: NDArray[np.float64]) -> SpaceLayers | 
     depths = np.empty((*moves.shape[:-1], 2))
     for r, side in enumerate(sides):
         place = before + fields.get(side, Identity(3)).displacement(before)
-        end, left = _through(chain.earlier, place)
+        end, left = _trace_sources(chain.earlier, place)
         moves[r, ..., :3], moves[r, ..., 3] = end - points, _depth(_distances(cut, place), side)
         depths[r, ..., 0], depths[r, ..., 1] = _depth(here, side), kept * left
     return SpaceLayers(moves, depths)
 
 
-def _through(steps: tuple[AbstractField, ...], points: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
+def _trace_sources(steps: tuple[AbstractField, ...], points: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
     """Sources of points, and the share of them that is seen."""
     at, kept = points, np.ones(points.shape[:-1])
     for step in steps:
@@ -355,7 +355,7 @@ def map_raster(field: Extrusion, grid: Grid, map_size: int) -> Raster:
 def _planar(planar: CutPlane, shown: PackedVolume, grid: Grid, map_size: int) -> tuple[PlanarData, dict[str, bytes]]:
     field = planar.first
     raster = map_raster(field, grid, map_size)
-    maps = np.stack([np.moveaxis(m.on_raster(raster), 0, -1) for region in planar.regions for m in region.maps])
+    maps = np.stack([np.moveaxis(m.sample_on_raster(raster), 0, -1) for region in planar.regions for m in region.maps])
     depths = np.linspace(0.0, 1.0, 2 if field.is_replication else _DEPTHS)
     weights = np.stack([np.interp(depths, field.knots, w) for w in np.asarray(field.weights)])
     plane, turn = field.plane, shown.frame
@@ -381,7 +381,7 @@ def _planar(planar: CutPlane, shown: PackedVolume, grid: Grid, map_size: int) ->
     }
     if planar.cut is not None:
         around = cut_raster(field, grid, shown.original)
-        about["cut"] = about_cut(planar, around)
+        about["cut"] = describe_cut(planar, around)
         buffers["distances"] = distances(planar.cut, around).tobytes()
     return about, buffers
 
@@ -395,7 +395,8 @@ def _reach(planar: CutPlane | None, grid: Grid, map_size: int) -> float:
     return float(
         max(
             sum(
-                w * np.linalg.norm(m.on_raster(raster), axis=0).max() for w, m in zip(largest, region.maps, strict=True)
+                w * np.linalg.norm(m.sample_on_raster(raster), axis=0).max()
+                for w, m in zip(largest, region.maps, strict=True)
             )
             for region in planar.regions
         )
@@ -426,7 +427,7 @@ def _space(
         said, buffers = _cut_space(chain, shown.frame, lattice)
         if said is not None:
             return {**about, "cut": said}, buffers
-    samples: NDArray[Any] = np.einsum("mk,zyxk->zyxm", shown.frame, field.on_grid(lattice))
+    samples: NDArray[Any] = np.einsum("mk,zyxk->zyxm", shown.frame, field.sample_on_grid(lattice))
     return about, {"space": np.ascontiguousarray(samples, "<f4").tobytes()}
 
 
@@ -461,7 +462,7 @@ def _cut_space(
     }
 
 
-def differ_only_in(index: int, old: AbstractField | None, new: AbstractField | None) -> bool:
+def differ_in_one_map(index: int, old: AbstractField | None, new: AbstractField | None) -> bool:
     """Check whether two extrusions are the same but for one map, so that a front end with that map needs no other.
 
     A front end that follows an editor divides that map by the editor's cuts itself, if there is no other.

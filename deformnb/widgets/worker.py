@@ -46,7 +46,7 @@ class Worker:
     ----------
     name : shown by debuggers.
     at_end : called in each thread as its last work.
-    is_kept : whether the thread must stay though nothing is to be done.
+    is_needed : whether the thread must stay though nothing is to be done.
     failed : called in the thread with the exception of a job, which is logged in any case. That of a call belongs to
         its future.
 
@@ -63,9 +63,9 @@ class Worker:
         name: str = "deformnb-worker",
         at_end: Callable[[], None] | None = None,
         failed: Callable[[Exception], None] | None = None,
-        is_kept: Callable[[], bool] = lambda: False,
+        is_needed: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._queue = _Queue(at_end, failed, is_kept)
+        self._queue = _Queue(at_end, failed, is_needed)
         self._name = name
         self._thread: threading.Thread | None = None
         weakref.finalize(self, self._queue.close).atexit = False
@@ -102,7 +102,7 @@ class Worker:
         return self._queue.is_wanted
 
     @property
-    def is_here(self) -> bool:
+    def is_current_thread(self) -> bool:
         """True in the thread itself."""
         return threading.current_thread() is self._thread
 
@@ -120,7 +120,7 @@ class Worker:
         """
         self._queue.close()
         thread = self._thread
-        if thread is not None and not self.is_here:
+        if thread is not None and not self.is_current_thread:
             thread.join(wait)
 
     def _start(self) -> None:
@@ -137,7 +137,10 @@ class _Queue:
     """Queue of jobs, shared by the thread and its owner, with a reference to neither."""
 
     def __init__(
-        self, at_end: Callable[[], None] | None, failed: Callable[[Exception], None] | None, is_kept: Callable[[], bool]
+        self,
+        at_end: Callable[[], None] | None,
+        failed: Callable[[Exception], None] | None,
+        is_needed: Callable[[], bool],
     ) -> None:
         self.changed = threading.Condition()
         self.calls: deque[tuple[Callable[[], None], Future[Any]]] = deque()
@@ -147,7 +150,7 @@ class _Queue:
         self.has_thread = False
         self.at_end = at_end
         self.failed = failed
-        self.is_kept = is_kept
+        self.is_needed = is_needed
 
     @property
     def is_wanted(self) -> bool:
@@ -205,7 +208,7 @@ class _Queue:
                     work, self.rest = self.rest[1], None
                     return work
                 is_idle = not self.changed.wait(_IDLE if left is None else left)
-                if is_idle and not self.is_wanted and self.rest is None and not self.is_kept():
+                if is_idle and not self.is_wanted and self.rest is None and not self.is_needed():
                     self.has_thread = False
                     return None
 

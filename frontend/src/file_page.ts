@@ -15,9 +15,9 @@ import type { PageData } from "./standalone_page.ts";
 import {
   decodeData,
   exportedWidgets,
-  guarded,
   messageOf,
   pagePart,
+  runGuarded,
   StandalonePage,
   showAlert,
 } from "./standalone_page.ts";
@@ -27,7 +27,7 @@ import { localize, showInLanguage } from "./ui/words.ts";
 import type { LiveVolumeView } from "./view/live_view.ts";
 import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "./volume/grid.ts";
 import type { Measured } from "./volume/levels.ts";
-import { measured, repairValues, specimen, tableOf, windowOf } from "./volume/levels.ts";
+import { measureLevels, repairValues, specimen, tableOf, windowOf } from "./volume/levels.ts";
 import {
   bytesOfVolume,
   cornerPoints,
@@ -106,7 +106,7 @@ async function readFile(
   const sha256 = photograph && !photograph.isExact ? null : await voxelChecksum(volume);
   const bad = repairValues(volume.values);
   if (bad) volume.notes.push(`${bad} voxels are not finite, shown as background`);
-  const about = measured(volume);
+  const about = measureLevels(volume);
   signal.throwIfAborted();
   return {
     volume,
@@ -539,5 +539,5 @@ async function openPage() {
 
 openPage().catch((error) => {
   console.error(error);
-  guarded(() => showAlert(`This page could not be opened: ${messageOf(error)}`));
+  runGuarded(() => showAlert(`This page could not be opened: ${messageOf(error)}`));
 });

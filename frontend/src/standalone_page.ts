@@ -314,7 +314,7 @@ export class StandalonePage {
   }
 
   button(bar: Element, text: string, title: string, action: () => void) {
-    buttonElement("dnb-page-button", bar, text, () => guarded(action), { title });
+    buttonElement("dnb-page-button", bar, text, () => runGuarded(action), { title });
   }
 
   #slider(bar: Element, { name, now, set, listen }: Bound<number>, shown: (value: number) => string) {
@@ -333,7 +333,7 @@ export class StandalonePage {
       input.value = String(now());
       output.textContent = shown(now());
     };
-    input.addEventListener("input", () => guarded(() => set(Number(input.value))));
+    input.addEventListener("input", () => runGuarded(() => set(Number(input.value))));
     listen(show);
     show();
   }
@@ -346,7 +346,7 @@ export class StandalonePage {
     const show = () => {
       select.value = now();
     };
-    select.addEventListener("change", () => guarded(() => set(select.value)));
+    select.addEventListener("change", () => runGuarded(() => set(select.value)));
     listen(show);
     show();
     return select;
@@ -468,7 +468,7 @@ function setting<T>(model: PlainModel, name: string): Bound<T> {
 }
 
 /** Reports an action that has failed on the page, which stays usable. */
-export function guarded(action: () => void) {
+export function runGuarded(action: () => void) {
   try {
     action();
   } catch (error) {

@@ -13,18 +13,18 @@ function measured(events) {
 
 test("pictures of movements are counted and no others", () => {
   const events = Array.from({ length: 11 }, (_, k) => [
-    ["moved", 20 * k],
-    ["moved", 20 * k + 3],
-    ["drew", 20 * k + 8],
-    ["drew", 20 * k + 9],
+    ["recordMove", 20 * k],
+    ["recordMove", 20 * k + 3],
+    ["recordFrame", 20 * k + 8],
+    ["recordFrame", 20 * k + 9],
   ]).flat();
   assert.deepEqual(measured(events), { hz: 50, ms: 8 });
 });
 
 test("a rest of the pointer is no slow picture", () => {
   const events = [0, 20, 40, 5000, 5020, 5040].flatMap((at) => [
-    ["moved", at],
-    ["drew", at + 5],
+    ["recordMove", at],
+    ["recordFrame", at + 5],
   ]);
   assert.deepEqual(measured(events), { hz: 50, ms: 5 });
 });
@@ -33,16 +33,16 @@ test("a short drag gives nothing, and the next begins anew", () => {
   assert.equal(
     measured(
       [0, 20, 40].flatMap((at) => [
-        ["moved", at],
-        ["drew", at + 5],
+        ["recordMove", at],
+        ["recordFrame", at + 5],
       ]),
     ),
     null,
   );
   const rate = new DrawRate();
   for (let at = 0; at < 200; at += 20) {
-    rate.moved(at);
-    rate.drew(at + 5);
+    rate.recordMove(at);
+    rate.recordFrame(at + 5);
   }
   assert.deepEqual([rate.finish(), rate.finish()], [{ hz: 50, ms: 5 }, null]);
 });

@@ -248,7 +248,7 @@ function linked(details) {
     );
   link.settled = JSON.stringify([]) + JSON.stringify({});
   for (const [phase, draws] of details) {
-    link.moved({ phase, points: [], settings: {} });
+    link.followMove({ phase, points: [], settings: {} });
     if (draws) {
       calls.push(Boolean(link.awaited));
       link.catchUp();

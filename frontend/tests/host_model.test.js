@@ -49,21 +49,21 @@ test("a saved value takes precedence until it is answered", () => {
   expect([1, 2], 2);
   assert.equal(model.get("b"), 3);
   save(4);
-  model.answered({ a: [2] }); // the first of two
+  model.confirm({ a: [2] }); // the first of two
   expect([4], 4);
   model.update({ a: [2] });
-  model.answered({ a: [4] });
+  model.confirm({ a: [4] });
   expect([], 4);
   model.update({ a: [5] });
   save(9);
-  model.answered({ a: [5] }); // refused
+  model.confirm({ a: [5] }); // refused
   expect([5, 9, 5], 5);
   save(6);
   model.set("a", [7]);
-  model.answered({ a: [6] }); // a change that is not saved yet is newer
+  model.confirm({ a: [6] }); // a change that is not saved yet is newer
   expect([6, 7], 7);
   model.save_changes();
-  model.answered({ a: [7] });
+  model.confirm({ a: [7] });
   model.update({ a: [8] });
   expect([8], 8);
 });

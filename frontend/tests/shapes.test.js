@@ -5,7 +5,6 @@ import test from "node:test";
 import { cleanShapes, sameShapes } from "../src/maths/points.ts";
 import {
   cornersOf,
-  fixedSideThrough,
   insertCorner,
   inverseDirection,
   middleOfRegion,
@@ -14,6 +13,7 @@ import {
   moveCorner,
   movePlace,
   openingPlaces,
+  oppositeHalfPlane,
   placeBefore,
   placesAlong,
   removeCorner,
@@ -65,7 +65,7 @@ for (const [p, q] of [
   ],
 ]) {
   test(`the ground from ${p} to ${q} is away from the middle`, () => {
-    const { point, normal } = fixedSideThrough(p, q, [50, 10]);
+    const { point, normal } = oppositeHalfPlane(p, q, [50, 10]);
     assert.ok((50 - point[0]) * normal[0] + (10 - point[1]) * normal[1] > 0);
     assert.ok(Math.abs(Math.hypot(...normal) - 1) < 1e-12);
   });

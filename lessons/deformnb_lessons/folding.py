@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from deformnb.analysis.folds import folds_of
+from deformnb.analysis.folds import find_folds
 from deformnb.document.deformation import Step
 from deformnb.imaging.figures import picture_field
 from deformnb.rbf.regions import Line
@@ -27,7 +27,7 @@ def _fold_fault(session: Session, step: Step) -> str:
     far = step.strength * float(np.linalg.norm(step.points.displacement[step.points.active], axis=1).max(initial=0.0))
     if far < DRAG:
         return f"The longest drag is {far:.0f} mm. Keep it at {DRAG:g} mm or more, and remove the fold in another way."
-    least = folds_of(picture_field(step, session.volume.grid), session.pictures.picture().raster).least
+    least = find_folds(picture_field(step, session.volume.grid), session.pictures.picture().raster).least
     if least <= 0:
         return (
             f"The map still folds: its smallest determinant is {least:.2f}. Make the support radius larger in the "

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deformnb.analysis.extent import exceeded_sides, field_of_view, foreground_of, padded, reached_places
+from deformnb.analysis.extent import exceeded_sides, field_of_view, find_foreground, padded, reached_places
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
@@ -136,14 +136,14 @@ def test_air_and_noise_in_it_need_no_room() -> None:
 
 def test_a_volume_of_one_value_is_all_foreground() -> None:
     flat = Volume.from_array(np.full((3, 4, 5), 7, np.int16))
-    foreground = foreground_of(flat)
+    foreground = find_foreground(flat)
     assert foreground.low.min(axis=0).tolist() == [-0.5] * 3
     assert foreground.high.max(axis=0).tolist() == [4.5, 3.5, 2.5]
 
 
 def test_places_are_in_the_foreground_or_not() -> None:
     volume = brick()
-    foreground = foreground_of(volume)
+    foreground = find_foreground(volume)
     inside, outside, air = (volume.grid.index_to_point(at) for at in ([10, 8, 9], [10, 8, 40], [0.5, 1, 2]))
     assert inside in foreground
     assert outside not in foreground
@@ -153,7 +153,7 @@ def test_places_are_in_the_foreground_or_not() -> None:
 
 def test_sides_are_told_as_those_of_the_body() -> None:
     volume = brick()
-    foreground = foreground_of(volume)
+    foreground = find_foreground(volume)
     moved = {(40.0, 0.0): ("left side (L)",), (0.0, 30.0): ("bottom (I)",), (0.0, 0.0): (), (1.0, 0.0): ()}
     for (a, b), sides in moved.items():
         points = ControlPoints.from_arrays([[0.0, 0.0]], [[a, b]])

@@ -16,7 +16,7 @@ from rbf.test_rigid_parts import BOX, TURN, WALL, points, within
 from warping.test_inverse import GRID, RASTER, RULES, TILTED, dragged, linear, nodes, turned
 from warping.test_warper import Wave
 
-from deformnb.analysis.folds import Folds, folds_of, jacobian_determinant, largest_safe_share
+from deformnb.analysis.folds import Folds, find_folds, jacobian_determinant, largest_safe_share
 from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.extrusion import extrude, modulate, replicate
@@ -48,7 +48,7 @@ def test_of_affine_maps_it_is_one_over_the_growth(m: NDArray[np.float64]) -> Non
     assert found.shape == RASTER.shape
     assert found.dtype == np.float32
     oracle.assert_close(found, wanted, rtol=SINGLE)
-    folds = folds_of(field, RASTER)
+    folds = find_folds(field, RASTER)
     assert folds.share == (wanted <= 0)  # mirrored is folded, everywhere
     assert folds.least == pytest.approx(wanted, rel=SINGLE)
 
@@ -63,7 +63,7 @@ def test_of_affine_maps_in_space() -> None:
 
 def test_of_the_identity_it_is_one() -> None:
     assert (jacobian_determinant(Identity(3), GRID) == 1).all()
-    assert folds_of(Identity(2), RASTER) == Folds(1.0, (0.0, 5.0), 0.0)
+    assert find_folds(Identity(2), RASTER) == Folds(1.0, (0.0, 5.0), 0.0)
 
 
 # ---- one dragged point -----------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@ def test_one_point_folds_beyond_64_supports_of_135(share: float, radius: float, 
     behind = np.array([50.0, 50.0]) - radius / 4 * way
     oracle.assert_close(jacobian_determinant(field, behind), 1 - share, atol=1e-9)
     fine = Raster((41, 41), (radius / 40, radius / 40), tuple(behind - radius / 2))  # behind is one of its nodes
-    folds = folds_of(field, fine)
+    folds = find_folds(field, fine)
     assert folds.least == pytest.approx(1 - share, abs=1e-4)
     oracle.assert_close(folds.place, behind, atol=radius / 10)
     if abs(share - 1) > 1e-3:
@@ -97,10 +97,10 @@ def test_the_safe_part_of_a_drag() -> None:
     fine = Raster((81, 81), (0.5, 0.5), (20.0, 30.0))
     for share in (0.5, 0.9, 1.5, 4.0):
         length = share * 64 / 135 * radius
-        safe = largest_safe_share(lambda t, d=length: folds_of(one_drag(t * d, radius), fine).least >= least)  # type: ignore[misc]
+        safe = largest_safe_share(lambda t, d=length: find_folds(one_drag(t * d, radius), fine).least >= least)  # type: ignore[misc]
         wanted = min(1.0, (1 - least) / share)
         assert wanted - 1 / 1024 - 1e-4 <= safe <= wanted + 1e-4
-        assert folds_of(one_drag(safe * length, radius), fine).least >= least
+        assert find_folds(one_drag(safe * length, radius), fine).least >= least
 
 
 def test_what_is_safe_from_the_start_only_counts() -> None:
@@ -110,7 +110,7 @@ def test_what_is_safe_from_the_start_only_counts() -> None:
     def make(t: float) -> AbstractField:
         return linear(np.diag([1.0, -1.0]), [0.0, 0], np.zeros(2)) if 0.3 < t < 0.6 else m
 
-    assert largest_safe_share(lambda t: folds_of(make(t), RASTER).least > 0) == pytest.approx(0.3, abs=1 / 1024)
+    assert largest_safe_share(lambda t: find_folds(make(t), RASTER).least > 0) == pytest.approx(0.3, abs=1 / 1024)
     assert largest_safe_share(lambda t: True) == 1
     assert largest_safe_share(lambda t: False) == 0
 
@@ -140,7 +140,7 @@ def test_extrusions(rule: str, view: str, grid: Grid) -> None:
     oracle.assert_close(jacobian_determinant(field, x), found, atol=SINGLE)
     assert z.min() == 0
     shares: list[float] = []
-    folds = folds_of(field, grid, shares.append)
+    folds = find_folds(field, grid, shares.append)
     assert folds.least == found.min()
     assert folds.share == pytest.approx(np.mean(found <= 0))
     oracle.assert_close(jacobian_determinant(field, [folds.place]), found.min(), atol=SINGLE)
@@ -151,16 +151,16 @@ def test_extrusions(rule: str, view: str, grid: Grid) -> None:
 def test_a_replication_is_the_same_along_its_depth() -> None:
     grid = Grid((12, 30, 31), (3.0,) * 3)
     flat = one_drag(30.0, 40.0)
-    folds = folds_of(flat, Raster((30, 31), (3.0, 3.0), (0.0, 0.0)))
+    folds = find_folds(flat, Raster((30, 31), (3.0, 3.0), (0.0, 0.0)))
     whole = extrude(Plane.from_view(grid, "+z"), grid, [flat], replicate())
-    there = folds_of(whole, grid)
+    there = find_folds(whole, grid)
     assert (there.least, there.share) == (pytest.approx(folds.least), pytest.approx(folds.share))
     assert folds.share > 0
     at = whole.plane.to_plane(there.place)
     oracle.assert_close(at[:2], folds.place, atol=1e-9)
     half = extrude(Plane.from_view(grid, "+z"), grid, [flat], modulate("z"))
-    assert folds_of(half, grid).place[2] == pytest.approx(33)  # where the weight is 1
-    assert 0 < folds_of(half, grid).share < folds.share
+    assert find_folds(half, grid).place[2] == pytest.approx(33)  # where the weight is 1
+    assert 0 < find_folds(half, grid).share < folds.share
 
 
 def test_compositions_sums_samples_parts_and_cuts() -> None:
@@ -230,7 +230,7 @@ def test_many_blocks_of_a_grid_are_walked_and_may_be_cancelled(monkeypatch: pyte
     assert (whole <= 0).any()
     monkeypatch.setattr(folds, "_NODES_AT_A_TIME", 100)
     shares: list[float] = []
-    found = folds_of(field, GRID, shares.append)
+    found = find_folds(field, GRID, shares.append)
     assert len(shares) == 7
     assert shares[-1] == 1
     oracle.assert_close(jacobian_determinant(field, GRID), whole, atol=SINGLE)
@@ -243,17 +243,17 @@ def test_many_blocks_of_a_grid_are_walked_and_may_be_cancelled(monkeypatch: pyte
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        folds_of(field, GRID, stop)
+        find_folds(field, GRID, stop)
 
 
 def test_what_is_not_a_number_is_a_fold() -> None:
     class Broken(Identity):
-        def jacobian_on_outer_sum(self, rows: Any, columns: Any) -> Any:
-            found = super().jacobian_on_outer_sum(rows, columns)
+        def lattice_jacobians(self, rows: Any, columns: Any) -> Any:
+            found = super().lattice_jacobians(rows, columns)
             found[..., 0, 0] = np.nan
             return found
 
-    folds = folds_of(Broken(2), RASTER)
+    folds = find_folds(Broken(2), RASTER)
     assert np.isnan(folds.least)
     assert folds.place == (0.0, 5.0)
     assert folds.share == pytest.approx(1 / (31 * 41))
@@ -268,5 +268,5 @@ def test_other_dimensions_are_refused(field: AbstractField, where: Any) -> None:
 def test_switched_off_points_fold_nothing() -> None:
     given = dragged(3, 40.0)
     off = replace(given, active=np.zeros(len(given), dtype=bool))
-    assert folds_of(fit_rbf(given, support=60.0), RASTER).share > 0
-    assert folds_of(fit_rbf(off, support=60.0), RASTER).share == 0
+    assert find_folds(fit_rbf(given, support=60.0), RASTER).share > 0
+    assert find_folds(fit_rbf(off, support=60.0), RASTER).share == 0

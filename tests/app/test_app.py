@@ -124,7 +124,7 @@ def test_the_volume_comes_in_pieces_that_make_it_whole(running: RunningApp) -> N
 
     info, message = asyncio.run(talk())
     voxels = np.frombuffer(gzip.decompress(message["result"]["buffers"][0]), np.uint8)
-    assert voxels.reshape(info["shape"][::-1]).tobytes() == running.studio.view.source.shown.volume.values.tobytes()
+    assert voxels.reshape(info["shape"][::-1]).tobytes() == running.studio.view.source.voxels.volume.values.tobytes()
 
 
 def test_what_one_page_drags_the_other_sees_and_its_own_echo_is_marked(running: RunningApp) -> None:

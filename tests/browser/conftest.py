@@ -70,7 +70,7 @@ def lab(lab_server: Lab, request: pytest.FixtureRequest) -> Iterator[Lab]:
 
 
 @pytest.fixture
-def opened(browser: Any) -> Iterator[Any]:
+def open_editor(browser: Any) -> Iterator[Any]:
     """Function that opens editors, each on a separate page; none of them may report an error."""
     pages: list[EditorOnPage] = []
 

@@ -76,7 +76,7 @@ def _middle(image: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([columns.mean(), rows.mean()]) / image.shape[0]
 
 
-def _alike(image: NDArray[np.float64], wanted: NDArray[np.float64]) -> None:
+def _assert_similar(image: NDArray[np.float64], wanted: NDArray[np.float64]) -> None:
     """The same but for shades: Chromium enlarges a canvas that has been read a little differently."""
     change = np.abs(image - wanted)
     assert change.mean() < 0.3
@@ -97,7 +97,7 @@ def test_a_drag_moves_the_picture_and_the_volume_and_undo_brings_them_back(tab: 
     np.testing.assert_allclose(backward < 0, [True, False])  # b points down
     tab.page.locator(".dnb-head").get_by_role("button", name="Undo: ").click()
     tab.wait_for_points(5, 0)
-    _alike(tab.picture(), flat)
+    _assert_similar(tab.picture(), flat)
     assert np.abs(_middle(tab.volume()) - _middle(solid)).max() < 0.002
     tab.page.locator(".dnb-head").get_by_role("button", name="Redo: ").click()
     tab.wait_for_points(5, 1)
@@ -133,7 +133,7 @@ def test_a_rigid_part_is_dragged_and_the_volume_and_its_numbers_follow(tab: Tab)
     k = tab.page.evaluate("() => document.querySelector('.dnb-editor').deformnb.parts.viewport.view.k")
     corner = tab.page.evaluate("""() => { const page = document.querySelector('.dnb-editor').deformnb.parts;
         const box = page.stage.element.getBoundingClientRect(), { region } = page.points.shapes.parts[0];
-        const [a, b] = page.viewport.onView(region.vertices[0]);
+        const [a, b] = page.viewport.toView(region.vertices[0]);
         return [box.left + a, box.top + b]; }""")
     x, y = np.array(corner) + 0.3 * k * reach
     tab.page.mouse.click(x, y)
@@ -177,7 +177,7 @@ def test_a_page_that_is_loaded_again_shows_the_same(tab: Tab) -> None:
     tab.page.reload()
     tab.wait_drawn()
     tab.wait_for_points(5, 1)
-    _alike(tab.picture(), flat)
+    _assert_similar(tab.picture(), flat)
     assert np.abs(_middle(tab.volume()) - _middle(solid)).max() < 0.002
 
 
@@ -410,14 +410,14 @@ def test_vtk_draws_the_volume_if_asked(browser: Any, tmp_path: Path) -> None:
         tab = Tab(browser, app, viewer="vtk")
         tab.page.wait_for_function("document.querySelector('.dnb-view')?.deformnb?.isFull", timeout=2 * PATIENCE)
 
-        def shown() -> NDArray[np.float64]:
+        def view_pixels() -> NDArray[np.float64]:
             return tab.image("() => document.querySelector('.dnb-view canvas').toDataURL().split(',')[1]")
 
-        before = _middle(shown())
+        before = _middle(view_pixels())
         tab.add_in_the_middle()
         tab.drag(4, 60, 0)
         tab.wait_for_points(5, 1)
-        wait_until(lambda: _middle(shown())[0] - before[0] > 0.03)
+        wait_until(lambda: _middle(view_pixels())[0] - before[0] > 0.03)
         tab.close()
 
 
@@ -454,11 +454,11 @@ def test_the_panel_has_the_width_the_tab_and_the_sections_in_which_it_was_left(t
     )
     page.goto("about:blank")
 
-    def as_made() -> None:  # as those of a new studio are
+    def reset_tabs() -> None:  # as those of a new studio are
         tabs.choose(0)
         sections["Points"].choose(None)
 
-    tab.app.application.thread.call(as_made).result(30)
+    tab.app.application.thread.call(reset_tabs).result(30)
     page.goto(tab.app.server.url)
     page.get_by_role("tab", name="Depth", selected=True).wait_for(timeout=PATIENCE)
     wait_until(lambda: tabs.selected == 1 and sections["Points"].is_open)
@@ -475,13 +475,13 @@ def test_tabs_and_sections_are_used_by_keys_and_say_that_python_is_busy(browser:
         assert page.evaluate("document.activeElement.textContent") == "Check"
         page.get_by_role("tabpanel", name="Check").get_by_text("Round trip").first.wait_for(timeout=PATIENCE)
         page.keyboard.press("Home")
-        goes_on = threading.Event()
-        busy = app.application.thread.call(lambda: goes_on.wait(60))
+        release = threading.Event()
+        busy = app.application.thread.call(lambda: release.wait(60))
         section = page.get_by_role("button", name="Points", exact=True)
         section.press("Enter")
         assert section.get_attribute("aria-expanded") == "true"  # at once
         page.get_by_role("status").get_by_text("Waiting for Python").filter(visible=True).wait_for(timeout=PATIENCE)
-        goes_on.set()
+        release.set()
         assert busy.result(60)
         page.locator(".dnb-pt-scroller").wait_for(timeout=PATIENCE)
         assert page.get_by_text("Waiting for Python").filter(visible=True).count() == 0

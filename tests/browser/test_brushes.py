@@ -27,7 +27,7 @@ def brush(page: EditorOnPage, key: str) -> float:
     return float(page.js(f"{PAGE}.tools.brush.radius"))
 
 
-def beside(da: float) -> NDArray[np.float64]:
+def offset_middle(da: float) -> NDArray[np.float64]:
     return np.array([MIDDLE[0] + da, MIDDLE[1]])
 
 
@@ -66,9 +66,9 @@ def nearest(points: ControlPoints) -> float:
 @pytest.mark.parametrize("way", [(0.55, 0.0), (-0.3, 0.4), (0.0, -0.5)])
 @pytest.mark.parametrize("has_points", [True, False])
 def test_a_moving_brush_takes_along_what_lies_under_it_and_nothing_beyond(
-    opened: Any, picture: Picture, points: ControlPoints, way: tuple[float, float], has_points: bool
+    open_editor: Any, picture: Picture, points: ControlPoints, way: tuple[float, float], has_points: bool
 ) -> None:
-    page = opened(Editor(picture, points.remove(4) if has_points else None))
+    page = open_editor(Editor(picture, points.remove(4) if has_points else None))
     radius = brush(page, "s")
     by = radius * np.array(way)
     stroke(page, MIDDLE, MIDDLE + by)
@@ -89,16 +89,16 @@ def test_a_moving_brush_takes_along_what_lies_under_it_and_nothing_beyond(
 
 
 def test_a_stroke_is_one_step_and_the_picture_follows_while_it_goes_on(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor, seen = Editor(picture, points, show_grid=False), []
     editor.on_edit(lambda edit: seen.append((edit.phase, edit.kind)), details=True)
-    page = opened(editor)
+    page = open_editor(editor)
     radius, before = brush(page, "s"), page.canvas()
     mouse = page.page.mouse
     mouse.move(*page.to_screen(MIDDLE))
     mouse.down()
-    mouse.move(*page.to_screen(beside(0.5 * radius)), steps=6)
+    mouse.move(*page.to_screen(offset_middle(0.5 * radius)), steps=6)
     page.wait_settled()
     assert np.abs(page.canvas() - before).max() > 20
     assert editor.points == points
@@ -114,8 +114,10 @@ def test_a_stroke_is_one_step_and_the_picture_follows_while_it_goes_on(
 
 
 @pytest.mark.nightly
-def test_strokes_over_one_place_do_not_pile_up_points(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_strokes_over_one_place_do_not_pile_up_points(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points))
     radius, counts = brush(page, "s"), []
     for k in range(6):
         at = MIDDLE + 0.2 * radius * np.array([np.cos(k), np.sin(k)])
@@ -133,8 +135,8 @@ def test_strokes_over_one_place_do_not_pile_up_points(opened: Any, picture: Pict
 
 
 @pytest.mark.nightly
-def test_a_long_stroke_leaves_moved_points_on_its_way_and_does_not_fold(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture))
+def test_a_long_stroke_leaves_moved_points_on_its_way_and_does_not_fold(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture))
     radius = brush(page, "s")
     start, end = np.array([35.0, 10.0]), np.array([35.0 + 4 * radius, 10.0])
     stroke(page, start, end, steps=40)
@@ -147,8 +149,8 @@ def test_a_long_stroke_leaves_moved_points_on_its_way_and_does_not_fold(opened: 
 
 
 @pytest.mark.nightly
-def test_wild_strokes_end_before_the_picture_folds(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_wild_strokes_end_before_the_picture_folds(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     radius = brush(page, "s")
     for k in range(4):
         turn = np.array([np.cos(2.5 * k), np.sin(2.5 * k)])
@@ -159,9 +161,9 @@ def test_wild_strokes_end_before_the_picture_folds(opened: Any, picture: Picture
 
 @pytest.mark.parametrize(("pixels", "name"), [(50, "grow 1"), (-60, "shrink 1")])
 def test_the_other_brush_grows_to_the_right_and_shrinks_to_the_left(
-    opened: Any, picture: Picture, points: ControlPoints, pixels: int, name: str
+    open_editor: Any, picture: Picture, points: ControlPoints, pixels: int, name: str
 ) -> None:
-    page = opened(Editor(picture, points.remove(4)))
+    page = open_editor(Editor(picture, points.remove(4)))
     radius = brush(page, "e")
     x, y = page.to_screen(MIDDLE)
     mouse = page.page.mouse
@@ -179,8 +181,10 @@ def test_the_other_brush_grows_to_the_right_and_shrinks_to_the_left(
     assert ((around(MIDDLE, 0.4 * radius) - MIDDLE) * inner).sum(axis=1).min() > 0
 
 
-def test_the_radius_follows_keys_the_wheel_and_the_slider(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_the_radius_follows_keys_the_wheel_and_the_slider(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points))
     radius = brush(page, "s")
     k = page.js(f"{PAGE}.viewport.view.k")
     page.page.mouse.move(*page.to_screen(MIDDLE))
@@ -207,8 +211,8 @@ def test_the_radius_follows_keys_the_wheel_and_the_slider(opened: Any, picture: 
     assert circle.is_hidden()
 
 
-def test_keys_alone_make_a_stroke(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points.remove(4)))
+def test_keys_alone_make_a_stroke(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points.remove(4)))
     radius, k = brush(page, "s"), page.js(f"{PAGE}.viewport.view.k")
     for _ in range(3):
         page.page.keyboard.press("ArrowLeft")
@@ -225,14 +229,14 @@ def test_keys_alone_make_a_stroke(opened: Any, picture: Picture, points: Control
 
 
 def test_escape_gives_a_stroke_up_and_a_click_leaves_nothing(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points))
+    page = open_editor(Editor(picture, points))
     radius = brush(page, "s")
     mouse = page.page.mouse
     mouse.move(*page.to_screen(MIDDLE))
     mouse.down()
-    mouse.move(*page.to_screen(beside(0.4 * radius)), steps=4)
+    mouse.move(*page.to_screen(offset_middle(0.4 * radius)), steps=4)
     page.page.keyboard.press("Escape")
     mouse.up()
     assert page.points == points
@@ -242,8 +246,8 @@ def test_escape_gives_a_stroke_up_and_a_click_leaves_nothing(
     assert page.js("models.editor.sent.filter((m) => m.phase === 'end').length") == 0
 
 
-def test_a_locked_point_stays_under_a_brush(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points.edit(4, locked=True)))
+def test_a_locked_point_stays_under_a_brush(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points.edit(4, locked=True)))
     radius = brush(page, "s")
     stroke(page, points.target[4], points.target[4] + [0.4 * radius, 0])
     assert page.points == points.edit(4, locked=True)
@@ -253,8 +257,8 @@ def test_a_locked_point_stays_under_a_brush(opened: Any, picture: Picture, point
     assert page.points.target[4].tolist() == points.target[4].tolist()
 
 
-def test_a_finger_strokes_and_two_zoom(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points.remove(4)))
+def test_a_finger_strokes_and_two_zoom(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points.remove(4)))
     radius, k = brush(page, "s"), page.js(f"{PAGE}.viewport.view.k")
     fingers = page.page.context.new_cdp_session(page.page)
 
@@ -266,7 +270,7 @@ def test_a_finger_strokes_and_two_zoom(opened: Any, picture: Picture, points: Co
 
     touch("touchStart", page.to_screen(MIDDLE))
     for share in (0.1, 0.25, 0.4):
-        touch("touchMove", page.to_screen(beside(share * radius)))
+        touch("touchMove", page.to_screen(offset_middle(share * radius)))
     touch("touchEnd")
     assert len(page.points) > len(points)
     assert moved(page.editor, MIDDLE)[0] == pytest.approx([0.4 * radius, 0], abs=0.06 * radius)
@@ -282,10 +286,10 @@ def test_a_finger_strokes_and_two_zoom(opened: Any, picture: Picture, points: Co
     assert page.js(f"{PAGE}.viewport.view.k") > 1.5 * k
 
 
-def test_names_are_shown_where_a_point_is_selected(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_names_are_shown_where_a_point_is_selected(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     brush(page, "s")
-    stroke(page, MIDDLE, beside(5.0))
+    stroke(page, MIDDLE, offset_middle(5.0))
     stroke(page, [30.0, 60.0], [34.0, 60.0])
     assert {name for name in page.points.names if re.match("move", name)} == {"move 1", "move 2"}
     names = (

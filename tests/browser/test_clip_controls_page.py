@@ -20,7 +20,7 @@ GRID = Grid((16, 20, 24), (2.0, 1.0, 1.5), (0.0, 0.0, 0.0), TURNED, "mm")
 BAR = "document.querySelector('.dnb-scale')"
 
 
-def opened(page: LivePage, **options: Any) -> LiveView:
+def open_view(page: LivePage, **options: Any) -> LiveView:
     values = np.full(GRID.shape, 200, np.uint8)
     values[0, 0, 0] = 0
     view = LiveView(Volume(values, GRID), transfer="surface", width=400, height=300, settle_ms=60000, **options)
@@ -37,7 +37,7 @@ def texts(page: LivePage, selector: str) -> list[str]:
 
 
 def test_letters_say_where_each_slider_leads(page: LivePage) -> None:
-    opened(page)
+    open_view(page)
     assert texts(page, ".dnb-clip-side") == ["I", "S", "L", "R", "P", "A"]
     labels = [end.get_attribute("aria-label") for end in page.page.locator(".dnb-clip-end").all()]
     assert labels[:4] == [
@@ -50,7 +50,7 @@ def test_letters_say_where_each_slider_leads(page: LivePage) -> None:
 
 
 def test_dragging_an_end_cuts_the_volume_while_the_button_is_down(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     whole = page.pixels()
     box = page.page.locator(".dnb-clip-track").nth(1).bounding_box()
     assert box is not None
@@ -72,7 +72,7 @@ def test_dragging_an_end_cuts_the_volume_while_the_button_is_down(page: LivePage
 
 
 def test_keys_move_the_ends_and_both_can_be_reached(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     ends = page.page.locator(".dnb-clip-end")
     ends.nth(5).focus()
     for _ in range(10):
@@ -92,7 +92,7 @@ def test_keys_move_the_ends_and_both_can_be_reached(page: LivePage) -> None:
 
 
 def test_one_button_opens_towards_the_viewer_and_one_closes(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     button = page.page.get_by_role("button", name="Open towards me")
     for direction, wanted in (
         ((0, 1, 0), (2, (0.0, 0.5))),
@@ -116,7 +116,7 @@ def test_one_button_opens_towards_the_viewer_and_one_closes(page: LivePage) -> N
 
 
 def test_sliders_follow_a_program_and_another_view(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.set_clip(x=(0.1, 0.6))
     assert texts(page, ".dnb-clip-value")[0] == "10\u201360 %"
     controls = page.widgets["clip"]
@@ -129,7 +129,7 @@ def test_sliders_follow_a_program_and_another_view(page: LivePage) -> None:
 
 @pytest.mark.parametrize(("zoom", "least"), [(1.0, 44), (3.0, 44), (20.0, 20)])
 def test_the_bar_is_as_long_as_it_says(page: LivePage, zoom: float, least: float) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.set_camera((0, 1, 0), zoom=zoom)
     page.wait(FOLLOWED)
     words, unit = texts(page, ".dnb-scale-text")[0].split()
@@ -142,7 +142,7 @@ def test_the_bar_is_as_long_as_it_says(page: LivePage, zoom: float, least: float
 
 
 def test_a_perspective_has_no_bar_and_says_why(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.set_camera(perspective=True)
     page.wait(FOLLOWED)
     assert texts(page, ".dnb-scale-text") == ["perspective"]

@@ -111,7 +111,7 @@ def transfer() -> TransferEditor:
     return TransferEditor(volume(), function)
 
 
-def made(kind: str, **traits: Any) -> Any:
+def make_editor(kind: str, **traits: Any) -> Any:
     if kind == "curve":
         return tent(**traits)
     if kind == "formula":
@@ -377,7 +377,7 @@ def test_old_news_do_not_undo_an_edit(drawn: Any) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_read_only_cannot_be_changed(drawn: Any, kind: str) -> None:
-    page = drawn(made(kind, read_only=True))
+    page = drawn(make_editor(kind, read_only=True))
     node = page.page.locator(".dnb-cv-node").nth(1)
     box = node.bounding_box()
     page.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
@@ -395,7 +395,7 @@ def test_what_is_read_only_cannot_be_changed(drawn: Any, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_leaves_nothing_behind(drawn: Any, kind: str) -> None:
-    page = drawn(made(kind))
+    page = drawn(make_editor(kind))
     page.page.evaluate("models.w0.cleanups.forEach((f) => f())")
     assert page.page.locator(".dnb-curves").count() == 0
     page.widget.theme = "dark"
@@ -454,16 +454,16 @@ def test_bars_and_colours_are_where_the_values_are(drawn: Any) -> None:
     page = drawn(TransferEditor(Volume.from_array(values), flat))
     ink = page.pixels()
 
-    def seen(value: float, up: float) -> Any:
+    def pixel_at(value: float, up: float) -> Any:
         x, y = page.at((value, 0))
         return ink[round(y - up), round(x)]
 
     height = page.js("w.axes.box.height")
-    paper = seen(75, 0.5 * height)
-    assert (seen(150, 0.9 * height) < paper - 15).all()  # half the voxels: as high as the air
-    assert (seen(152, 0.9 * height) == paper).all()
+    paper = pixel_at(75, 0.5 * height)
+    assert (pixel_at(150, 0.9 * height) < paper - 15).all()  # half the voxels: as high as the air
+    assert (pixel_at(152, 0.9 * height) == paper).all()
     for value, colour in ((15, (217, 38, 0)), (50, (127, 127, 0)), (100, (0, 255, 0)), (185, (0, 36, 219))):
-        oracle.assert_close(seen(value, -34), colour, atol=12)
+        oracle.assert_close(pixel_at(value, -34), colour, atol=12)
 
 
 # ---- keys ------------------------------------------------------------------------------------------------------------
@@ -536,7 +536,7 @@ def test_keys_of_the_keyboard(drawn: Any) -> None:
 
 @pytest.mark.parametrize("kind", ["curve", "transfer", "keys"])
 def test_a_click_with_ctrl_removes_nothing_for_on_a_mac_it_opens_menus(drawn: Any, kind: str) -> None:
-    page = drawn(made(kind))
+    page = drawn(make_editor(kind))
     marks = page.page.locator(".dnb-cv-node, .dnb-cv-grip[data-stop]")
     before = marks.count()
     for mark in (marks.nth(1), marks.last):
@@ -555,7 +555,7 @@ def test_a_click_with_ctrl_removes_nothing_for_on_a_mac_it_opens_menus(drawn: An
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_style_sheet_may_come_late_and_the_page_may_change_its_width(drawn: Any, kind: str) -> None:
     page = drawn(width=700)
-    page.add(made(kind), "late", draw=False)
+    page.add(make_editor(kind), "late", draw=False)
     of_widget = page.widgets["late"].get_state(["_css", "_esm"])
     page.page.evaluate("([n, s]) => draw(n, s)", ["late", of_widget["_esm"]])
     page.page.add_style_tag(content=of_widget["_css"])
@@ -573,7 +573,7 @@ def test_small_opacities_are_labelled_as_such(drawn: Any) -> None:
 @pytest.mark.parametrize("width", [300, 420, 900])
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_is_cut_off(drawn: Any, kind: str, width: int) -> None:
-    page = drawn(made(kind), width=width)
+    page = drawn(make_editor(kind), width=width)
     assert page.page.evaluate("document.documentElement.scrollWidth") <= width
     beyond = page.js("""[...w.root.querySelectorAll('text, .dnb-cv-dot, .dnb-cv-end, .dnb-cv-ring, button, select, '
         + 'input, span')].filter((e) => {
@@ -590,7 +590,7 @@ def test_nothing_is_cut_off(drawn: Any, kind: str, width: int) -> None:
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
 def test_light_and_dark_can_be_read(drawn: Any, kind: str, dark: bool) -> None:
-    page = drawn(made(kind), dark=dark)
+    page = drawn(make_editor(kind), dark=dark)
     colours = page.js("""(() => {
         const rgb = (e, p) => getComputedStyle(e)[p].match(/[\\d.]+/g).slice(0, 3).map(Number);
         const text = w.root.querySelector(".dnb-cv-text");
@@ -607,7 +607,7 @@ def test_light_and_dark_can_be_read(drawn: Any, kind: str, dark: bool) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_everything_is_named_and_keeps_its_own_keys(drawn: Any, kind: str) -> None:
-    page = drawn(made(kind))
+    page = drawn(make_editor(kind))
     found = page.js("""[...w.root.querySelectorAll('button, input, select, [tabindex]')].map((e) =>
         [e.dataset.lmSuppressShortcuts, Boolean(e.getAttribute('aria-label') || e.textContent.trim())])""")
     assert len(found) >= 5

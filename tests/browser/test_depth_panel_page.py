@@ -62,7 +62,7 @@ class Depth:
         self.page.wait_until(lambda: (np.abs(self.pixels() - before).sum(axis=-1) > 25).sum() > least)
         return self.pixels()
 
-    def alike(self, before: Any) -> None:
+    def wait_restored(self, before: Any) -> None:
         self.page.wait_until(lambda: (np.abs(self.pixels() - before).sum(axis=-1) > 40).sum() < 20)
 
     def press(self, selector: str) -> tuple[float, float]:
@@ -74,7 +74,7 @@ class Depth:
 
 
 @pytest.fixture
-def made(browser: Any) -> Iterator[Any]:
+def make_depth(browser: Any) -> Iterator[Any]:
     all_made: list[Depth] = []
 
     def make(rule: str) -> Depth:
@@ -88,8 +88,8 @@ def made(browser: Any) -> Iterator[Any]:
         depth.page.close()
 
 
-def test_the_volume_follows_the_curve_while_the_mouse_is_down(made: Any) -> None:
-    depth = made("modulate")
+def test_the_volume_follows_the_curve_while_the_mouse_is_down(make_depth: Any) -> None:
+    depth = make_depth("modulate")
     document, before = depth.session.editing.deformation, depth.pixels()
     x, y = depth.press(".dnb-curve-editor [data-node='0'] .dnb-cv-dot")
     depth.page.page.mouse.move(x, y - 60, steps=6)
@@ -98,29 +98,29 @@ def test_the_volume_follows_the_curve_while_the_mouse_is_down(made: Any) -> None
     depth.page.page.mouse.move(x, y + 20, steps=6)
     depth.differ(lifted)
     depth.page.page.mouse.move(x, y - 60, steps=6)
-    depth.alike(lifted)
+    depth.wait_restored(lifted)
     depth.page.page.mouse.up()
     depth.page.wait(f"{PAGE}.link.waiting.size === 0")
     assert depth.session.editing.history["undo"] == "change curve"
-    depth.alike(lifted)
+    depth.wait_restored(lifted)
     depth.session.editing.undo()
     assert depth.session.editing.deformation == document  # one edit
-    depth.alike(before)
+    depth.wait_restored(before)
 
 
-def test_a_drag_that_is_given_up_leaves_the_volume_as_it_was(made: Any) -> None:
-    depth = made("modulate")
+def test_a_drag_that_is_given_up_leaves_the_volume_as_it_was(make_depth: Any) -> None:
+    depth = make_depth("modulate")
     before = depth.pixels()
     x, y = depth.press(".dnb-curve-editor [data-node='0'] .dnb-cv-dot")
     depth.page.page.mouse.move(x, y - 60, steps=6)
     depth.differ(before)
     depth.page.page.keyboard.press("Escape")
     depth.page.page.mouse.up()
-    depth.alike(before)
+    depth.wait_restored(before)
 
 
-def test_the_volume_follows_a_key_and_then_its_points_again(made: Any) -> None:
-    depth = made("interpolate")
+def test_the_volume_follows_a_key_and_then_its_points_again(make_depth: Any) -> None:
+    depth = make_depth("interpolate")
     session = depth.session
     points = session.editing.points
     session.editing.edit_step(0, 1)
@@ -133,8 +133,8 @@ def test_the_volume_follows_a_key_and_then_its_points_again(made: Any) -> None:
     assert session.editing.deformation is document
     depth.page.page.mouse.up()
     depth.page.wait(f"{PAGE}.link.waiting.size === 0")
-    depth.alike(moved)
+    depth.wait_restored(moved)
     assert session.editing.history["undo"] == "move a key"
     session.editing.undo()
     assert session.editing.deformation == document
-    depth.alike(before)
+    depth.wait_restored(before)

@@ -52,12 +52,12 @@ def beyond(page: EditorOnPage, picture: Picture) -> NDArray[np.bool_]:
     return np.asarray((at[..., 0] < a0 - d) | (at[..., 0] > a1 + d) | (at[..., 1] < b0 - d) | (at[..., 1] > b1 + d))
 
 
-def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
+def test_matter_beyond_the_picture_is_that_of_the_result(open_editor: Any) -> None:
     session = Session(a_block(), view="+y")
     dragged(session, (22.0, -14.0))
     editor = make_editor(session, 420)
     editor.show_grid, editor.overlay = False, "none"
-    page = opened(editor)
+    page = open_editor(editor)
     assert editor.beyond == []
     assert np.ptp(page.canvas()[..., 0][beyond(page, editor.picture)]) == 0  # nothing but paper
     before = page.js(f"({PAGE}.viewport.view.k)")
@@ -91,10 +91,10 @@ def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
     assert np.ptp(page.canvas()[..., 0][beyond(page, editor.picture)]) == 0  # nothing but paper
 
 
-def test_who_has_zoomed_keeps_the_view(opened: Any) -> None:
+def test_who_has_zoomed_keeps_the_view(open_editor: Any) -> None:
     session = Session(a_block(), view="+y")
     editor = make_editor(session, 420)
-    page = opened(editor)
+    page = open_editor(editor)
     page.js(f"{PAGE}.viewport.zoomAt(2, 200, 150)")
     before = page.js(f"({PAGE}.viewport.view.k)")
     session.results.grow(20.0)
@@ -103,11 +103,11 @@ def test_who_has_zoomed_keeps_the_view(opened: Any) -> None:
     assert page.js(f"({PAGE}.viewport.view.k)") == pytest.approx(before)
 
 
-def test_points_and_their_drags_stay_where_they_are(opened: Any) -> None:
+def test_points_and_their_drags_stay_where_they_are(open_editor: Any) -> None:
     session = Session(a_block(), view="+y")
     session.results.grow(20.0)
     editor = make_editor(session, 420)
-    page = opened(editor)
+    page = open_editor(editor)
     corner = session.editing.points.target[0]
     k = page.js(f"({PAGE}.viewport.view.k)")
     page.drag(corner, (-30, 12))  # out of the picture

@@ -28,9 +28,9 @@ def notes(page: EditorOnPage) -> str:
 
 
 def test_undo_and_redo_go_on_when_the_point_in_focus_is_gone(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points))
+    page = open_editor(Editor(picture, points))
     page.page.mouse.dblclick(*page.to_screen([50, 20]))
     added = page.points
     page.drag(added.target[5], (20, 12))
@@ -47,7 +47,7 @@ def test_undo_and_redo_go_on_when_the_point_in_focus_is_gone(
 
 
 def test_focus_stays_in_the_editor_when_python_takes_the_point_away(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor, past = Editor(picture, points), [points]
 
@@ -60,7 +60,7 @@ def test_focus_stays_in_the_editor_when_python_takes_the_point_away(
     editor.history = {"undo": "the edit", "redo": "the edit"}
     editor.on_edit(edited, details=True)
     editor.on_history(step)
-    page = opened(editor)
+    page = open_editor(editor)
     page.page.mouse.dblclick(*page.to_screen([50, 20]))
     assert len(page.points) == 6
     assert page.js("document.activeElement.dataset.id") == "5"
@@ -78,9 +78,9 @@ def test_focus_stays_in_the_editor_when_python_takes_the_point_away(
     assert page.js(ON_STAGE)
 
 
-def test_focus_outside_stays_outside(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_focus_outside_stays_outside(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points)
-    page = opened(editor)
+    page = open_editor(editor)
     page.js("{ const b = document.createElement('button'); b.id = 'other'; document.body.append(b); b.focus(); }")
     editor.points = points.remove(2)
     page.wait_settled()
@@ -91,10 +91,10 @@ def test_focus_outside_stays_outside(opened: Any, picture: Picture, points: Cont
 
 
 def test_nothing_is_edited_while_python_makes_another_picture(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor = Editor(picture, points)
-    page = opened(editor)
+    page = open_editor(editor)
     page.drag(points.target[4], (30, 20))
     moved = page.points
     page.page.locator("[data-id='4']").focus()
@@ -124,10 +124,12 @@ def test_nothing_is_edited_while_python_makes_another_picture(
     assert page.points != points
 
 
-def test_waiting_ends_a_drag_and_a_name_as_escape_does(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_waiting_ends_a_drag_and_a_name_as_escape_does(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor, seen = Editor(picture, points), []
     editor.on_edit(lambda p, phase: seen.append((phase, p.target[4].tolist())))
-    page = opened(editor)
+    page = open_editor(editor)
     x, y = page.to_screen(points.target[4])
     page.page.mouse.move(x, y)
     page.page.mouse.down()
@@ -157,14 +159,14 @@ def test_waiting_ends_a_drag_and_a_name_as_escape_does(opened: Any, picture: Pic
 # ---- what is said ---------------------------------------------------------------------------------------------------
 
 
-def test_points_that_turn_without_a_fold_are_not_said_to_fold(opened: Any, picture: Picture) -> None:
+def test_points_that_turn_without_a_fold_are_not_said_to_fold(open_editor: Any, picture: Picture) -> None:
     # Four points turned by 90 degrees within a fixed ring: neighbours pass each other, and the map does not fold.
     angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     ring = np.c_[np.cos(angles), np.sin(angles)] * 50 + [70, 25]
     four = np.array([[80.0, 25], [70, 35], [60, 25], [70, 15]])
     source, target = np.concatenate([ring, four]), np.concatenate([ring, np.roll(four, 1, axis=0)])
     editor = Editor(picture, ControlPoints.from_arrays(source, target))
-    page = opened(editor)
+    page = open_editor(editor)
     assert not any("fold" in note for note in editor.fit().notes)
     assert page.js(f"{PAGE}.map.folds.least") > 0
     assert "fold" not in notes(page)
@@ -180,8 +182,10 @@ def test_points_that_turn_without_a_fold_are_not_said_to_fold(opened: Any, pictu
     assert "the control points lie nearly on one line" in notes(page)  # no word on folds, so it stays
 
 
-def test_whoever_has_not_begun_hears_how_a_point_is_added(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_whoever_has_not_begun_hears_how_a_point_is_added(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points))
     start = "Double-click adds a point. Drag a disc to move what is under it; ? for keys"
     assert notes(page) == start
     page.drag([52, 30], (8, 12))
@@ -194,16 +198,16 @@ def test_whoever_has_not_begun_hears_how_a_point_is_added(opened: Any, picture: 
     assert notes(page) == "Double-click adds a point: one moves the picture, two turn it, three bend it"
 
 
-def test_a_band_around_points_says_nothing(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_a_band_around_points_says_nothing(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag([15, 40], (70 * page.js(f"{PAGE}.viewport.view.k"), 30 * page.js(f"{PAGE}.viewport.view.k")))
     assert page.js(f"[...{PAGE}.points.selected]") == [3]
     assert page.js(HINT) == ""
 
 
-def test_tips_explain_the_folds_and_the_points(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_tips_explain_the_folds_and_the_points(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points.move(1, [115, -9]).edit(3, active=False), support=80.0)
-    page = opened(editor)
+    page = open_editor(editor)
     tip = page.page.locator(".dnb-ed-folds").get_attribute("title")
     assert "smallest factor" in tip
     assert "below 0 the picture folds over itself" in tip
@@ -225,9 +229,9 @@ HOST = "dl, dt, dd, li { width: 20%; float: left; } "
 @pytest.mark.parametrize(("width", "columns"), [(1000, 2), (545, 2), (360, 1)])
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_the_list_of_keys_is_wide_and_its_keys_never_wrap(
-    opened: Any, picture: Picture, points: ControlPoints, width: int, columns: int, theme: str
+    open_editor: Any, picture: Picture, points: ControlPoints, width: int, columns: int, theme: str
 ) -> None:
-    page = opened(Editor(picture, points, theme=theme, height=240), size=(width, 600))
+    page = open_editor(Editor(picture, points, theme=theme, height=240), size=(width, 600))
     page.page.add_style_tag(content=HOST)
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("?")

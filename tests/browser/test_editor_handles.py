@@ -28,17 +28,19 @@ def numbers(page: EditorOnPage, element: str) -> NDArray[np.float64]:
     ).reshape(-1, 2)
 
 
-def on_stage(page: EditorOnPage, place: Any) -> NDArray[np.float64]:
-    return np.array(page.js(f"{PAGE}.viewport.onView([{place[0]}, {place[1]}])"))
+def to_stage(page: EditorOnPage, place: Any) -> NDArray[np.float64]:
+    return np.array(page.js(f"{PAGE}.viewport.toView([{place[0]}, {place[1]}])"))
 
 
 # ---- the arrow ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("to", [(100, 25), (40, 25), (70, 60), (95, -5)])
-def test_an_arrow_leads_from_where_a_feature_was_to_where_it_shall_be(opened: Any, picture: Picture, to: Any) -> None:
-    page = opened(Editor(picture, ControlPoints.from_arrays([[70.0, 25]], [to])))
-    source, target = on_stage(page, (70, 25)), on_stage(page, to)
+def test_an_arrow_leads_from_where_a_feature_was_to_where_it_shall_be(
+    open_editor: Any, picture: Picture, to: Any
+) -> None:
+    page = open_editor(Editor(picture, ControlPoints.from_arrays([[70.0, 25]], [to])))
+    source, target = to_stage(page, (70, 25)), to_stage(page, to)
     length = np.hypot(*(target - source))
     along = (target - source) / length
     line, head = numbers(page, ".dnb-ed-arrow"), numbers(page, ".dnb-ed-arrow-head")
@@ -50,8 +52,8 @@ def test_an_arrow_leads_from_where_a_feature_was_to_where_it_shall_be(opened: An
     assert np.array_equal(numbers(page, ".dnb-ed-arrow-case"), line)
 
 
-def test_an_arrow_follows_the_hand_and_goes_where_there_is_no_room(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, ControlPoints.from_arrays([[70.0, 25]])))
+def test_an_arrow_follows_the_hand_and_goes_where_there_is_no_room(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, ControlPoints.from_arrays([[70.0, 25]])))
     shown = "document.querySelector('.dnb-ed-arrows > g').getAttribute('visibility')"
     ring = "document.querySelector('.dnb-ed-source').getAttribute('visibility')"
     assert page.js(f"[{shown}, {ring}]") == ["hidden", "hidden"]
@@ -66,7 +68,7 @@ def test_an_arrow_follows_the_hand_and_goes_where_there_is_no_room(opened: Any, 
     page.wait("document.querySelector('.dnb-ed-arrow-head').getAttribute('d') === ''")  # no room for a head
     page.page.mouse.move(x + 60, y + 25, steps=3)
     page.wait("document.querySelector('.dnb-ed-arrow-head').getAttribute('d') !== ''")
-    at = on_stage(page, (70, 25)) + np.array([60, 25])
+    at = to_stage(page, (70, 25)) + np.array([60, 25])
     page.wait(f"!{PAGE}.frames.request")
     assert numbers(page, ".dnb-ed-arrow-head")[0] == pytest.approx(at - 7.5 * np.array([60, 25]) / 65, abs=0.05)
     page.page.mouse.up()
@@ -84,22 +86,22 @@ def circles(page: EditorOnPage) -> list[tuple[float, float, float]]:
     ]
 
 
-def test_the_circle_is_where_a_point_ceases_to_move_anything(opened: Any, picture: Picture) -> None:
+def test_the_circle_is_where_a_point_ceases_to_move_anything(open_editor: Any, picture: Picture) -> None:
     editor = Editor(
         picture, ControlPoints.from_arrays([[70.0, 25]], [[74.0, 27]]), support=30.0, trend="none", show_radius=True
     )
-    page, at = opened(editor), np.array([74.0, 27])
+    page, at = open_editor(editor), np.array([74.0, 27])
     ((cx, cy, r),) = circles(page)
-    assert (cx, cy) == pytest.approx(on_stage(page, at), abs=0.06)
+    assert (cx, cy) == pytest.approx(to_stage(page, at), abs=0.06)
     assert r == pytest.approx(30 * page.js(f"{PAGE}.viewport.view.k"), abs=0.06)
     rim = at + 30 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [0.6, 0.8]])
     assert np.abs(editor.fit().displacement(at + 1.001 * (rim - at))).max() == 0
     assert np.abs(editor.fit().displacement(at + 0.9 * (rim - at))).min() > 0
 
 
-def test_a_point_with_a_radius_of_its_own_shows_that(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_a_point_with_a_radius_of_its_own_shows_that(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points.edit(1, radius=17.0).edit(2, active=False), support=40.0)
-    page = opened(editor)
+    page = open_editor(editor)
     assert circles(page) == []
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("r")
@@ -109,14 +111,14 @@ def test_a_point_with_a_radius_of_its_own_shows_that(opened: Any, picture: Pictu
     page.page.mouse.click(*page.to_screen(points.target[1]))
     page.wait_settled()
     ((cx, cy, r),) = circles(page)  # of what is selected only
-    assert [cx, cy] == pytest.approx(on_stage(page, points.target[1]), abs=0.06)
+    assert [cx, cy] == pytest.approx(to_stage(page, points.target[1]), abs=0.06)
     assert r == pytest.approx(17 * k, abs=0.06)
 
 
 # ---- colours --------------------------------------------------------------------------------------------------------
 
 
-def seen(page: EditorOnPage, eyes: str) -> NDArray[np.float64]:
+def simulate_vision(page: EditorOnPage, eyes: str) -> NDArray[np.float64]:
     """The page as it looks to such eyes: red, green and blue of its pixels."""
     cdp = page.page.context.new_cdp_session(page.page)
     cdp.send("Emulation.setEmulatedVisionDeficiency", {"type": eyes})
@@ -138,13 +140,15 @@ def brightness(colour: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("grey", [20, 128, 235])
-def test_handles_are_told_apart_by_form_whatever_colours_are_seen(opened: Any, picture: Picture, grey: int) -> None:
+def test_handles_are_told_apart_by_form_whatever_colours_are_seen(
+    open_editor: Any, picture: Picture, grey: int
+) -> None:
     plain = Picture(np.full_like(picture.values, grey), picture.plane, picture.raster, "mip", (0.0, 255.0))
     points = ControlPoints.from_arrays([[30.0, -10], [100, 60], [35, 55]], [[70.0, -10], [100, 60], [35, 55]])
-    page = opened(Editor(plain, points.edit(1, active=False), density=0, overlay="none"))
+    page = open_editor(Editor(plain, points.edit(1, active=False), density=0, overlay="none"))
     # Where the disc of a point is, where its ring is, where a point is that is off, and where nothing is.
     places = [page.to_screen(at) for at in ([70, -10], [30, -10], [100, 60], [70, 25])]
-    images = {eyes: seen(page, eyes) for eyes in EYES}
+    images = {eyes: simulate_vision(page, eyes) for eyes in EYES}
     assert all(np.abs(images[eyes] - images["none"]).max() > 20 for eyes in EYES[1:])  # they are simulated
     for eyes, image in images.items():
         light = [brightness(patch(image, place)) for place in places]
@@ -159,22 +163,22 @@ def test_handles_are_told_apart_by_form_whatever_colours_are_seen(opened: Any, p
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("eyes", EYES)
 def test_what_is_selected_has_a_ring_that_all_eyes_see(
-    opened: Any, picture: Picture, points: ControlPoints, eyes: str
+    open_editor: Any, picture: Picture, points: ControlPoints, eyes: str
 ) -> None:
-    page = opened(Editor(picture, points, density=0))
+    page = open_editor(Editor(picture, points, density=0))
     place = page.to_screen(points.target[0])
-    before = patch(seen(page, eyes), place, 14)
+    before = patch(simulate_vision(page, eyes), place, 14)
     page.editor.selected = [0]
     page.wait_settled()
-    after = patch(seen(page, eyes), place, 14)
+    after = patch(simulate_vision(page, eyes), place, 14)
     y, x = np.mgrid[-14:15, -14:15]
     ring = np.abs(np.hypot(x, y) - 11) < 0.8
     assert (brightness(after)[ring] > 0.6).mean() > 0.7
     assert (brightness(after)[ring] - brightness(before)[ring]).mean() > 0.3
 
 
-def test_regions_differ_by_form_as_well_as_by_colour(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture))
+def test_regions_differ_by_form_as_well_as_by_colour(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture))
     points = ControlPoints.from_arrays([[30.0 + 10 * k, 25.0] for k in range(8)])
     page.editor.points = points
     page.wait_settled()

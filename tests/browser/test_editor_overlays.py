@@ -42,7 +42,7 @@ def determinant(page: EditorOnPage) -> NDArray[np.float64]:
     return np.asarray(jacobian_determinant(page.editor.fit(), page.raster().points()))
 
 
-def on_picture(page: EditorOnPage, picture: Picture, rim: int = 3) -> NDArray[np.bool_]:
+def picture_mask(page: EditorOnPage, picture: Picture, rim: int = 3) -> NDArray[np.bool_]:
     at, d = page.raster().points(), page.raster().spacing[0] * rim
     a0, a1, b0, b1 = picture.raster.box
     return np.asarray((at[..., 0] > a0 + d) & (at[..., 0] < a1 - d) & (at[..., 1] > b0 + d) & (at[..., 1] < b1 - d))
@@ -57,7 +57,7 @@ def near(mask: NDArray[np.bool_], reach: int = 2) -> NDArray[np.bool_]:
 
 
 def assert_red_where_it_folds(page: EditorOnPage, picture: Picture) -> None:
-    folded, painted, seen = determinant(page) <= 0, red(page), on_picture(page, picture)
+    folded, painted, seen = determinant(page) <= 0, red(page), picture_mask(page, picture)
     rim = near(folded) & near(~folded)  # the outline is a line of some width
     assert (folded & seen).sum() > 500
     assert (painted == folded)[seen & ~rim].mean() > 0.999
@@ -65,9 +65,9 @@ def assert_red_where_it_folds(page: EditorOnPage, picture: Picture) -> None:
 
 
 def test_a_point_dragged_over_its_neighbour_paints_the_fold_red(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points))
+    page = open_editor(Editor(picture, points))
     assert not layer(page).any()
     page.drag(points.target[4], OVER)
     assert_red_where_it_folds(page, picture)
@@ -76,8 +76,8 @@ def test_a_point_dragged_over_its_neighbour_paints_the_fold_red(
     assert page.js("document.querySelector('.dnb-ed-worst').getAttribute('visibility')") == "hidden"
 
 
-def test_the_fold_is_there_while_the_mouse_moves(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_the_fold_is_there_while_the_mouse_moves(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     x, y = page.to_screen(points.target[4])
     mouse = page.page.mouse
     mouse.move(x, y)
@@ -91,15 +91,15 @@ def test_the_fold_is_there_while_the_mouse_moves(opened: Any, picture: Picture, 
     mouse.up()
 
 
-def test_a_drag_that_folds_nothing_paints_nothing(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_a_drag_that_folds_nothing_paints_nothing(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag(points.target[4], ASIDE)
-    assert determinant(page)[on_picture(page, picture)].min() > 0
+    assert determinant(page)[picture_mask(page, picture)].min() > 0
     assert not layer(page).any()
 
 
-def test_the_fold_stays_with_the_picture_when_zoomed(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_the_fold_stays_with_the_picture_when_zoomed(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag(points.target[4], OVER)
     page.js(f"{PAGE}.viewport.zoomAt(2.7, 640, 300)")
     assert_red_where_it_folds(page, picture)
@@ -107,11 +107,11 @@ def test_the_fold_stays_with_the_picture_when_zoomed(opened: Any, picture: Pictu
     assert_red_where_it_folds(page, picture)
 
 
-def test_a_fold_smaller_than_a_cell_is_not_missed(opened: Any, picture: Picture) -> None:
+def test_a_fold_smaller_than_a_cell_is_not_missed(open_editor: Any, picture: Picture) -> None:
     source = np.array([[30.0, -10.0], [110.0, -5.0], [100.0, 60.0], [35.0, 55.0], [70.0, 25.0], [71.3, 25.0]])
     target = source.copy()
     target[4:] = source[[5, 4]]  # two neighbours change places
-    page = opened(Editor(picture, ControlPoints.from_arrays(source, target), kernel="wendland_c4", support=4.0))
+    page = open_editor(Editor(picture, ControlPoints.from_arrays(source, target), kernel="wendland_c4", support=4.0))
     folded, painted = determinant(page) <= 0, red(page)
     assert 20 < folded.sum() < 2000
     assert painted.any()
@@ -119,10 +119,10 @@ def test_a_fold_smaller_than_a_cell_is_not_missed(opened: Any, picture: Picture)
     assert painted[folded].mean() > 0.9
 
 
-def test_the_ring_is_where_the_determinant_is_least(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_the_ring_is_where_the_determinant_is_least(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag(points.target[4], OVER)
-    det, seen = determinant(page), on_picture(page, picture)
+    det, seen = determinant(page), picture_mask(page, picture)
     row, column = np.unravel_index(np.where(seen, det, np.inf).argmin(), det.shape)
     box = page.page.locator(".dnb-ed-worst-ring").bounding_box()
     stage = page.page.locator(".dnb-ed-stage").bounding_box()
@@ -132,8 +132,10 @@ def test_the_ring_is_where_the_determinant_is_least(opened: Any, picture: Pictur
     assert f"min det J {det[seen].min():.2f}" in told.replace("\u2212", "-")
 
 
-def test_folds_in_the_air_around_the_body_are_told_apart(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_folds_in_the_air_around_the_body_are_told_apart(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag(points.target[4], OVER)
     assert "\u25b2 folds" in page.page.locator(".dnb-ed-folds").inner_text()
     page.editor.air = float(picture.values.max())  # nothing but air
@@ -146,13 +148,13 @@ def test_folds_in_the_air_around_the_body_are_told_apart(opened: Any, picture: P
     assert "\u25b2 folds" in page.page.locator(".dnb-ed-folds").inner_text()
 
 
-def test_stages_unfold_what_one_fit_folds(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_stages_unfold_what_one_fit_folds(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag(points.target[4], OVER)
     assert red(page).any()
     page.editor.stages = 16
     page.wait_settled()
-    assert determinant(page)[on_picture(page, picture)].min() > 0
+    assert determinant(page)[picture_mask(page, picture)].min() > 0
     assert not layer(page).any()
     assert "no folds" in page.page.locator(".dnb-ed-folds").inner_text()
 
@@ -168,22 +170,24 @@ def colours(page: EditorOnPage) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize(("grows", "sign"), [(1.6, 1), (0.6, -1)])
 def test_matter_that_grows_is_green_and_matter_that_shrinks_purple(
-    opened: Any, picture: Picture, points: ControlPoints, grows: float, sign: int
+    open_editor: Any, picture: Picture, points: ControlPoints, grows: float, sign: int
 ) -> None:
     middle = points.source.mean(axis=0)
     scaled = ControlPoints.from_arrays(points.source, middle + np.sqrt(grows) * (points.source - middle))
-    page = opened(Editor(picture, scaled, overlay="area", show_grid=False))
-    seen = on_picture(page, picture)
+    page = open_editor(Editor(picture, scaled, overlay="area", show_grid=False))
+    seen = picture_mask(page, picture)
     assert (layer(page)[seen][:, 3] > 100).all()
     told = sign * colours(page)[seen]
     assert told.min() > 20
     assert np.ptp(told) < 8  # the same everywhere
 
 
-def test_the_colours_follow_the_logarithm_of_the_area(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, overlay="area", show_grid=False))
+def test_the_colours_follow_the_logarithm_of_the_area(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points, overlay="area", show_grid=False))
     page.drag(points.target[4], ASIDE)
-    seen, grown = on_picture(page, picture, 8), -np.log2(determinant(page))
+    seen, grown = picture_mask(page, picture, 8), -np.log2(determinant(page))
     told = colours(page)
     assert told[seen & (grown > 0.3)].min() > 0 > told[seen & (grown < -0.3)].max()
     assert np.abs(told[seen & (np.abs(grown) < 0.02)]).max() < 8
@@ -194,26 +198,28 @@ def test_the_colours_follow_the_logarithm_of_the_area(opened: Any, picture: Pict
     assert legend.inner_text().split() == ["relative", "area", "1/2", "1", "2×"]
 
 
-def test_a_fold_is_red_over_the_area_too(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, overlay="area"))
+def test_a_fold_is_red_over_the_area_too(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, overlay="area"))
     page.drag(points.target[4], OVER)
     folded = determinant(page) <= 0
-    inside = folded & ~near(~folded, 4) & on_picture(page, picture)
+    inside = folded & ~near(~folded, 4) & picture_mask(page, picture)
     assert red(page)[inside].mean() > 0.95
 
 
 # ---- uncertainty, marks, choice -------------------------------------------------------------------------------------
 
 
-def test_the_uncertainty_overlay_lies_where_python_says(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_the_uncertainty_overlay_lies_where_python_says(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor = Editor(picture, points, overlay="uncertainty")
-    page = opened(editor)
+    page = open_editor(editor)
     assert "not known yet" in page.page.locator(".dnb-ed-key").inner_text()
     values = np.zeros((10, 12), np.uint8)
     values[:5] = 240  # the upper half
     editor.uncertainty_facts = {"width": 12, "height": 10, "legend": [[120, "1 mm"]]}
     editor.uncertainty = values.tobytes()
-    image, seen, at = layer(page), on_picture(page, picture), page.raster().points()
+    image, seen, at = layer(page), picture_mask(page, picture), page.raster().points()
     _, _, b0, b1 = picture.raster.box
     upper, lower = (seen & (at[..., 1] < b0 + 0.4 * (b1 - b0)), seen & (at[..., 1] > b0 + 0.6 * (b1 - b0)))
     assert (image[upper][:, 3] > 180).all()
@@ -225,8 +231,10 @@ def test_the_uncertainty_overlay_lies_where_python_says(opened: Any, picture: Pi
     assert page.page.locator(".dnb-ed-key").get_attribute("aria-label") == "Uncertainty: 1 mm"
 
 
-def test_marked_points_have_a_dashed_ring_and_say_why(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, marked=[1, 3]))
+def test_marked_points_have_a_dashed_ring_and_say_why(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points, marked=[1, 3]))
     shown = page.js("[...document.querySelectorAll('.dnb-ed-suspect')].map((g) => Number(g.dataset.id))")
     assert shown == [1, 3]
     title = page.js("document.querySelector('[data-id=\"3\"] title').textContent")
@@ -238,8 +246,8 @@ def test_marked_points_have_a_dashed_ring_and_say_why(opened: Any, picture: Pict
     assert page.js("document.querySelectorAll('.dnb-ed-suspect').length") == 0
 
 
-def test_the_menu_and_its_key_choose_the_overlay(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_the_menu_and_its_key_choose_the_overlay(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag(points.target[4], OVER)
     menu = page.page.get_by_label("Overlay (V)")
     assert (menu.input_value(), red(page).any()) == ("folds", True)
@@ -260,10 +268,10 @@ def test_the_menu_and_its_key_choose_the_overlay(opened: Any, picture: Picture, 
     assert menu.locator("option").all_inner_texts() == ["Plain", "Folds", "Area", "Strain", "Uncertainty"]
 
 
-def test_the_legend_lies_where_it_hides_no_point(opened: Any, picture: Picture) -> None:
+def test_the_legend_lies_where_it_hides_no_point(open_editor: Any, picture: Picture) -> None:
     a0, a1, b0, b1 = picture.raster.box
     low_left, low_right = [a0 + 4, b1 - 4], [a1 - 4, b1 - 4]
-    page = opened(Editor(picture, overlay="area"), size=(700, 600))
+    page = open_editor(Editor(picture, overlay="area"), size=(700, 600))
     left_of_middle = """(([k, s]) => k.left + k.right < s.left + s.right)(['.dnb-ed-key', '.dnb-ed-stage'].map(
         (name) => document.querySelector(name).getBoundingClientRect()))"""
     assert page.js(left_of_middle) is True  # where it always was
@@ -287,8 +295,8 @@ def test_the_legend_lies_where_it_hides_no_point(opened: Any, picture: Picture) 
     assert page.js(hidden) <= 1  # all corners are taken now
 
 
-def test_before_has_no_overlay(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, overlay="area"))
+def test_before_has_no_overlay(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, overlay="area"))
     page.drag(points.target[4], OVER)
     page.page.keyboard.press("c")
     assert not layer(page).any()
@@ -297,16 +305,16 @@ def test_before_has_no_overlay(opened: Any, picture: Picture, points: ControlPoi
     assert red(page).any()
 
 
-def test_beside_a_cut_the_map_that_is_seen_counts(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_beside_a_cut_the_map_that_is_seen_counts(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points, trend="translation")
     editor.cuts = [Cut(Line(((60.0, -40.0), (60.0, 90.0))))]
-    page = opened(editor)
+    page = open_editor(editor)
     page.drag(points.target[4], OVER)
     field = page.editor.fit()
     at = page.raster().points()
     moves, opacity = field.displacement_and_opacity(at)
     assert moves.shape == at.shape
     folded = (determinant(page) <= 0) & (opacity > 0.5)
-    painted, seen = red(page), on_picture(page, picture, 4)
+    painted, seen = red(page), picture_mask(page, picture, 4)
     assert folded[seen].sum() > 500
     assert (painted == folded)[seen & ~(near(folded, 3) & near(~folded, 3))].mean() > 0.99

@@ -39,7 +39,7 @@ def wrong(page: EditorOnPage, picture: Picture) -> np.ndarray:
 
 # One level for rounding a mean of integers, one for the float32 map; a jump at the rim of what the map reaches may
 # fall on the other side in one pixel of a thousand.
-def assert_alike(page: EditorOnPage, picture: Picture) -> None:
+def assert_matches(page: EditorOnPage, picture: Picture) -> None:
     difference = wrong(page, picture)
     assert np.quantile(difference, 0.999) <= 2
     assert difference.size > 50_000
@@ -48,28 +48,28 @@ def assert_alike(page: EditorOnPage, picture: Picture) -> None:
 # ---- the picture ----------------------------------------------------------------------------------------------------
 
 
-def test_the_picture_at_rest_is_the_picture(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    assert_alike(opened(Editor(picture, points, show_grid=False)), picture)
+def test_the_picture_at_rest_is_the_picture(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    assert_matches(open_editor(Editor(picture, points, show_grid=False)), picture)
 
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("by", [(60, 0), (-45, 0), (0, 50), (0, -40), (37, 29)])
 def test_a_drag_moves_the_point_and_the_picture_as_the_core_does(
-    opened: Any, picture: Picture, points: ControlPoints, by: tuple[int, int]
+    open_editor: Any, picture: Picture, points: ControlPoints, by: tuple[int, int]
 ) -> None:
-    page = opened(Editor(picture, points, show_grid=False))
+    page = open_editor(Editor(picture, points, show_grid=False))
     page.drag(points.target[4], by)
     k = page.js(f"{PAGE}.viewport.view.k")
     assert page.points.target[4] == pytest.approx(points.target[4] + np.array(by) / k, abs=1e-9)
     assert np.array_equal(page.points.source, points.source)
-    assert_alike(page, picture)
+    assert_matches(page, picture)
     assert [m["phase"] for m in page.js("models.editor.sent")] == ["end"]
     assert page.js("models.editor.saved.filter((s) => 'points' in s || 'next_id' in s)") == []  # one way, not two
 
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("view", VIEWS)
-def test_what_lies_under_a_point_appears_where_it_is_dropped(opened: Any, view: str) -> None:
+def test_what_lies_under_a_point_appears_where_it_is_dropped(open_editor: Any, view: str) -> None:
     values = np.zeros((24, 30, 36), np.uint8)
     values[15:18, 5:9, 24:27] = 255  # a mark, off every middle
     volume = Volume(values, Grid((24, 30, 36), (1.0, 1.5, 1.2), (4.0, 5.0, 6.0)))
@@ -81,7 +81,7 @@ def test_what_lies_under_a_point_appears_where_it_is_dropped(opened: Any, view: 
             picture.raster.rows[0] + v * picture.raster.spacing[1],
         ]
     )
-    page = opened(Editor(picture, ControlPoints.from_arrays([mark]), show_grid=False, height=400))
+    page = open_editor(Editor(picture, ControlPoints.from_arrays([mark]), show_grid=False, height=400))
     page.drag(mark, (-31, 42))
     bright = np.argwhere((page.canvas()[..., 0] > 128) & inside(page, picture)).mean(axis=0)
     raster = page.raster()
@@ -93,9 +93,11 @@ def test_what_lies_under_a_point_appears_where_it_is_dropped(opened: Any, view: 
     assert found == pytest.approx(in_volume, abs=0.8)  # half a voxel of the warped volume
 
 
-def test_undo_brings_every_pixel_back_and_redo_the_edit(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_undo_brings_every_pixel_back_and_redo_the_edit(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
     # Without the grid: Chromium draws lines a shade differently once a canvas was read, on a busy machine only.
-    page = opened(Editor(picture, points, show_grid=False))
+    page = open_editor(Editor(picture, points, show_grid=False))
     before = page.canvas()
     page.drag(points.target[4], (50, 30))
     after, moved = page.canvas(), page.points
@@ -108,19 +110,19 @@ def test_undo_brings_every_pixel_back_and_redo_the_edit(opened: Any, picture: Pi
     assert page.points == moved
 
 
-def test_colours_follow_too(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_colours_follow_too(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     grey = picture.grey()
     rgba = np.stack([grey, grey**2, 1 - grey, np.ones_like(grey)], axis=-1)
     coloured = Picture(rgba, picture.plane, picture.raster, "composite", (0.0, 1.0))
-    page = opened(Editor(coloured, points, show_grid=False))
+    page = open_editor(Editor(coloured, points, show_grid=False))
     page.drag(points.target[4], (50, 30))
     oracle = warp_picture(coloured.rgb8(), picture.raster, page.editor.fit(), output=page.raster(), fill=0).astype(int)
     difference = np.abs(page.canvas() - oracle)[inside(page, picture)]
     assert np.quantile(difference, 0.999) <= 2
 
 
-def test_the_grid_shows_where_features_went(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, density=8))
+def test_the_grid_shows_where_features_went(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, density=8))
     page.drag(points.target[4], (60, 40))
     lines = page.js(f"{PAGE}.layers.grid.last.lines.flatMap((l) => l.runs.flatMap((r) => Array.from(r)))")
     at = np.array(lines).reshape(-1, 2)
@@ -135,8 +137,8 @@ def test_the_grid_shows_where_features_went(opened: Any, picture: Picture, point
     assert page.js(f"{PAGE}.layers.grid.last.key[0] === {PAGE}.map.layered && !{PAGE}.map.folds.isRough")
 
 
-def test_before_shows_the_picture_as_it_was(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, show_grid=False))
+def test_before_shows_the_picture_as_it_was(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, show_grid=False))
     before = page.canvas()
     page.drag(points.target[4], (60, 40))
     page.page.keyboard.press("c")
@@ -147,10 +149,10 @@ def test_before_shows_the_picture_as_it_was(opened: Any, picture: Picture, point
 
 
 def test_a_double_click_takes_hold_without_moving_anything(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     points = points.move(4, [85, 30])
-    page = opened(Editor(picture, points, show_grid=False))
+    page = open_editor(Editor(picture, points, show_grid=False))
     before = page.canvas()
     place = [50.0, 20.0]
     page.page.mouse.dblclick(*page.to_screen(place))
@@ -164,8 +166,8 @@ def test_a_double_click_takes_hold_without_moving_anything(
     assert page.js("document.activeElement.dataset.id") == "5"
 
 
-def test_a_new_point_next_to_an_old_one_selects_that(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_a_new_point_next_to_an_old_one_selects_that(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     x, y = page.to_screen(points.target[2])
     page.page.keyboard.press("Tab")
     page.page.locator("[data-command=add]").click()
@@ -177,8 +179,8 @@ def test_a_new_point_next_to_an_old_one_selects_that(opened: Any, picture: Pictu
     assert page.editor.selected == [2]
 
 
-def test_keys_do_all_of_it(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page, (du, dv) = opened(Editor(picture, points)), picture.raster.spacing
+def test_keys_do_all_of_it(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page, (du, dv) = open_editor(Editor(picture, points)), picture.raster.spacing
     keyboard = page.page.keyboard
     page.page.locator(".dnb-ed-stage").focus()
     keyboard.press("Tab")
@@ -209,8 +211,8 @@ def test_keys_do_all_of_it(opened: Any, picture: Picture, points: ControlPoints)
     assert len(page.points) == 5  # the middle of the view is next to the point "middle", which is taken
 
 
-def test_a_double_click_on_a_point_renames_it(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_a_double_click_on_a_point_renames_it(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.page.mouse.dblclick(*page.to_screen(points.target[3]))
     page.page.keyboard.type("tail fin")
     page.page.mouse.click(*page.to_screen([20, 20]))
@@ -218,9 +220,9 @@ def test_a_double_click_on_a_point_renames_it(opened: Any, picture: Picture, poi
     assert len(page.points) == 5
 
 
-def test_tab_leads_to_one_point_and_keys_from_one_to_the_next(opened: Any, picture: Picture) -> None:
+def test_tab_leads_to_one_point_and_keys_from_one_to_the_next(open_editor: Any, picture: Picture) -> None:
     at = np.random.default_rng(5).uniform([15, -25], [125, 70], (200, 2))
-    page = opened(Editor(picture, ControlPoints.from_arrays(at), density=0))
+    page = open_editor(Editor(picture, ControlPoints.from_arrays(at), density=0))
     press, focused = page.page.keyboard.press, "document.activeElement.dataset.id ?? document.activeElement.className"
     page.page.locator(".dnb-ed-stage").focus()
     press("Tab")
@@ -249,14 +251,14 @@ def test_tab_leads_to_one_point_and_keys_from_one_to_the_next(opened: Any, pictu
     assert page.js("document.activeElement.dataset.command") == "fit"  # among buttons it means nothing
 
 
-def test_a_right_click_deletes(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_a_right_click_deletes(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.page.mouse.click(*page.to_screen(points.target[3]), button="right")
     assert page.points.ids == (0, 1, 2, 4)
 
 
-def test_no_other_way_to_a_menu_deletes(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_no_other_way_to_a_menu_deletes(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     x, y = page.to_screen(points.target[3])
     # A Mac's Ctrl + click with either button, the key for menus, and a finger that rests.
     for event in (
@@ -274,8 +276,10 @@ def test_no_other_way_to_a_menu_deletes(opened: Any, picture: Picture, points: C
     assert page.points == points
 
 
-def test_a_band_selects_and_the_selected_move_together(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_a_band_selects_and_the_selected_move_together(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag([15, 40], (70 * page.js(f"{PAGE}.viewport.view.k"), 30 * page.js(f"{PAGE}.viewport.view.k")))
     page.wait("models.editor.get('selected').length")
     assert page.editor.selected == [3]
@@ -289,9 +293,9 @@ def test_a_band_selects_and_the_selected_move_together(opened: Any, picture: Pic
     assert shift == pytest.approx(np.array([[0, 0], [0, 0], [20 / k, -15 / k], [20 / k, -15 / k], [0, 0]]), abs=1e-9)
 
 
-def test_a_ring_moves_the_source_and_alt_both(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_a_ring_moves_the_source_and_alt_both(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     moved = points.move(4, [90, 40])
-    page = opened(Editor(picture, moved))
+    page = open_editor(Editor(picture, moved))
     k = page.js(f"{PAGE}.viewport.view.k")
     page.drag(moved.source[4], (-10, 5))
     assert page.points.source[4] == pytest.approx(points.source[4] + np.array([-10, 5]) / k, abs=1e-9)
@@ -302,8 +306,8 @@ def test_a_ring_moves_the_source_and_alt_both(opened: Any, picture: Picture, poi
     assert page.points.displacement[4] == pytest.approx(moved.displacement[4] + np.array([-10, 5]) / k, abs=1e-9)
 
 
-def test_escape_ends_a_drag_as_if_it_had_not_begun(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, show_grid=False))  # the grid: see the undo
+def test_escape_ends_a_drag_as_if_it_had_not_begun(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, show_grid=False))  # the grid: see the undo
     before = page.canvas()
     x, y = page.to_screen(points.target[4])
     page.page.mouse.move(x, y)
@@ -316,9 +320,9 @@ def test_escape_ends_a_drag_as_if_it_had_not_begun(opened: Any, picture: Picture
 
 
 def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points))
+    page = open_editor(Editor(picture, points))
     page.js(
         f"{PAGE}.tools.points.edit({PAGE}.points.list.map((p) => "
         f"p.id === 3 ? {{ ...p, target: [...{PAGE}.points.list[2].target] }} : p))"
@@ -334,9 +338,9 @@ def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(
     assert "needs" not in page.page.locator(".dnb-ed-notes").inner_text()
 
 
-def test_remarks_and_folds_are_in_the_status_line(opened: Any, picture: Picture) -> None:
+def test_remarks_and_folds_are_in_the_status_line(open_editor: Any, picture: Picture) -> None:
     line = np.array([[30.0, 0.0], [60.0, 20.0], [90.0, 40.0]])
-    page = opened(Editor(picture, ControlPoints.from_arrays(line)))
+    page = open_editor(Editor(picture, ControlPoints.from_arrays(line)))
     page.drag(line[1], (15, 10))
     status = "document.querySelector('.dnb-ed-status').innerText"
     page.wait(f"{status}.includes('the control points lie nearly on one line')")
@@ -348,8 +352,8 @@ def test_remarks_and_folds_are_in_the_status_line(opened: Any, picture: Picture)
 # ---- view, themes, protocol -----------------------------------------------------------------------------------------
 
 
-def test_the_wheel_zooms_only_where_someone_works(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, show_grid=False))
+def test_the_wheel_zooms_only_where_someone_works(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, show_grid=False))
     k = page.js(f"{PAGE}.viewport.view.k")
     page.page.mouse.move(*page.to_screen(points.target[4]))
     page.page.evaluate("document.body.style.height = '4000px'")
@@ -364,7 +368,7 @@ def test_the_wheel_zooms_only_where_someone_works(opened: Any, picture: Picture,
     page.page.mouse.wheel(0, -300)
     page.wait(f"{PAGE}.viewport.view.k > {1.3 * k}")
     assert page.to_screen(points.target[4]) == pytest.approx(held, abs=1)
-    assert_alike(page, picture)
+    assert_matches(page, picture)
     page.page.keyboard.down(" ")
     page.drag([75, 32], (30, 10))
     page.page.keyboard.up(" ")
@@ -375,8 +379,8 @@ def test_the_wheel_zooms_only_where_someone_works(opened: Any, picture: Picture,
     assert page.js(f"{PAGE}.viewport.view.k") == pytest.approx(k)
 
 
-def test_two_fingers_zoom_and_one_drags_a_point(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_two_fingers_zoom_and_one_drags_a_point(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     k, fingers = page.js(f"{PAGE}.viewport.view.k"), page.page.context.new_cdp_session(page.page)
 
     def touch(kind: str, *places: Any) -> None:
@@ -404,35 +408,35 @@ def test_two_fingers_zoom_and_one_drags_a_point(opened: Any, picture: Picture, p
     )
 
 
-def test_a_point_beyond_the_view_waits_at_the_rim(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points.move(1, [900, 20])))
+def test_a_point_beyond_the_view_waits_at_the_rim(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points.move(1, [900, 20])))
     rim = page.page.locator("[data-id='1']")
     assert "dnb-ed-outside" in (rim.get_attribute("class") or "")
     assert rim.locator(".dnb-ed-disc").bounding_box()["x"] < page.page.locator(".dnb-ed-stage").bounding_box()["width"]
 
 
 def test_edits_on_their_way_are_few_and_the_last_always_arrives(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor, seen = Editor(picture, points), []
     editor.on_edit(lambda p, phase: seen.append((phase, p.target[4].tolist())))
-    page = opened(editor)
+    page = open_editor(editor)
     editor.send = lambda content, buffers=None: None  # type: ignore[method-assign]
     page.drag(points.target[4], (60, 40), steps=30)
     assert [phase for phase, _ in seen] == ["move", "move", "end"]  # no answer came: two in flight, and the end
     assert seen[-1][1] == editor.points.target[4].tolist()
 
 
-def test_movements_cost_nothing_where_nobody_listens(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_movements_cost_nothing_where_nobody_listens(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag(points.target[4], (60, 40), steps=30)
     assert [m["phase"] for m in page.js("models.editor.sent")] == ["end"]
 
 
-def test_python_moves_points_and_the_hand_goes_first(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, show_grid=False))
+def test_python_moves_points_and_the_hand_goes_first(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, show_grid=False))
     page.editor.points = points.move(0, [40, 0])
-    assert_alike(page, picture)
+    assert_matches(page, picture)
     x, y = page.to_screen(points.target[4])
     page.page.mouse.move(x, y)
     page.page.mouse.down()
@@ -445,8 +449,10 @@ def test_python_moves_points_and_the_hand_goes_first(opened: Any, picture: Pictu
     assert page.points.target[4] == pytest.approx(points.target[4] + [40 / page.js(f"{PAGE}.viewport.view.k"), 0])
 
 
-def test_the_page_hears_of_every_movement_without_python(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_the_page_hears_of_every_movement_without_python(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points))
     page.js("""(() => { window.heard = []; models.editor.deformnb.addEventListener("deformnb:points",
         (e) => heard.push([e.detail.phase, e.detail.points[4].target, e.detail.fit.support])) })()""")
     page.drag(points.target[4], (60, 40), steps=10)
@@ -457,8 +463,8 @@ def test_the_page_hears_of_every_movement_without_python(opened: Any, picture: P
     assert heard[-1][2] == pytest.approx(page.editor.fit().support)
 
 
-def test_two_views_of_one_editor_agree(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, height=250, show_grid=False), draws=2)
+def test_two_views_of_one_editor_agree(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, height=250, show_grid=False), draws=2)
     page.drag(points.target[4], (30, 20))
     page.wait(
         "[...document.querySelectorAll('.dnb-editor')].every(({ deformnb: { frames } }) => "
@@ -474,8 +480,8 @@ def test_two_views_of_one_editor_agree(opened: Any, picture: Picture, points: Co
 
 
 @pytest.mark.nightly
-def test_twenty_runs_of_a_cell_leave_nothing_behind(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_twenty_runs_of_a_cell_leave_nothing_behind(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     for _ in range(20):
         page.js("models.editor.cleanups.pop()()")
         page.draw("editor")
@@ -490,10 +496,10 @@ def test_twenty_runs_of_a_cell_leave_nothing_behind(opened: Any, picture: Pictur
 
 
 def test_a_broken_picture_is_said_and_the_points_still_work(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor = Editor(picture, points)
-    page = opened(editor)
+    page = open_editor(editor)
     editor.image = b"no picture"
     page.wait("!document.querySelector('[role=alert]').hidden")
     assert "could not be shown" in page.page.locator("[role=alert]").inner_text()
@@ -501,25 +507,25 @@ def test_a_broken_picture_is_said_and_the_points_still_work(
     assert page.points != points
 
 
-def test_an_error_in_a_callback_is_seen_in_the_page(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_an_error_in_a_callback_is_seen_in_the_page(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points)
     editor.on_edit(lambda p, phase: 1 // 0)
-    page = opened(editor)
+    page = open_editor(editor)
     page.drag(points.target[4], (20, 10))
     page.wait("!document.querySelector('[role=alert]').hidden")
     assert "ZeroDivisionError in a callback" in page.page.locator("[role=alert]").inner_text()
 
 
-def test_points_that_are_only_shown_stay(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, read_only=True))
+def test_points_that_are_only_shown_stay(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, read_only=True))
     page.drag(points.target[4], (20, 10))
     page.page.keyboard.press("Delete")
     page.page.mouse.dblclick(*page.to_screen([50, 50]))
     assert page.js(f"{PAGE}.points.list.map((p) => p.target)") == points.target.tolist()
 
 
-def test_everything_has_a_name_and_a_role(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points.move(1, [115, -9]), label="A fish"))
+def test_everything_has_a_name_and_a_role(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points.move(1, [115, -9]), label="A fish"))
     label = page.page.locator("[data-id='1']").get_attribute("aria-label")
     assert label == "Point 1 top right, at 115, -9, dragged 5 right, 4 up"
     assert page.page.locator("[role=application]").get_attribute("aria-label").startswith("A fish with control points")
@@ -547,8 +553,8 @@ def test_light_and_dark_follow_the_page_unless_told(
 
 
 @pytest.mark.parametrize("width", [360, 420, 600, 1280])
-def test_nothing_is_clipped(opened: Any, picture: Picture, points: ControlPoints, width: int) -> None:
-    page = opened(Editor(picture, points), size=(width, 800))
+def test_nothing_is_clipped(open_editor: Any, picture: Picture, points: ControlPoints, width: int) -> None:
+    page = open_editor(Editor(picture, points), size=(width, 800))
     clipped = page.js("""(() => {
         const r = document.querySelector(".dnb-editor").getBoundingClientRect();
         const parts = [...document.querySelectorAll(".dnb-ed-button, .dnb-ed-status > *, .dnb-ed-stage")];
@@ -570,9 +576,9 @@ def test_nothing_is_clipped(opened: Any, picture: Picture, points: ControlPoints
 
 
 def test_in_a_row_the_editor_takes_what_its_neighbour_leaves(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points, height=480), size=(1280, 800))
+    page = open_editor(Editor(picture, points, height=480), size=(1280, 800))
     page.js("""{ const root = document.getElementById("root"), other = document.createElement("div");
         root.style.display = "flex"; other.innerHTML = "<div style='width: 480px; height: 300px'></div>";
         root.append(other); }""")

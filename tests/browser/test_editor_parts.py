@@ -69,8 +69,8 @@ def assert_motion(part: RigidPart, motion: RigidMotion, tolerance: float = 1e-6)
 # ---- the pointer ----------------------------------------------------------------------------------------------------
 
 
-def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, frame(), show_grid=False, theme="light", parts=[BONE]))
+def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, frame(), show_grid=False, theme="light", parts=[BONE]))
     k = page.js(f"{PAGE}.viewport.view.k")
     page.drag(INSIDE, (40, -25))
     page.wait_answered()
@@ -114,8 +114,8 @@ def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, 
     assert page.editor.parts == (BONE,)
 
 
-def test_a_ring_turns_a_part_about_its_pivot_which_can_be_dragged(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, frame(), show_grid=False, theme="light", parts=[BONE]))
+def test_a_ring_turns_a_part_about_its_pivot_which_can_be_dragged(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, frame(), show_grid=False, theme="light", parts=[BONE]))
     choose(page)
     cross, joint = handle(page, ".dnb-ed-pivot"), page.to_screen((86.0, 40.0 - 6))
     np.testing.assert_allclose(cross, page.to_screen(MIDDLE), atol=1)
@@ -144,9 +144,9 @@ def test_a_ring_turns_a_part_about_its_pivot_which_can_be_dragged(opened: Any, p
     assert page.editor.parts == (BONE,)
 
 
-def test_the_outline_of_a_moved_part_is_reshaped_where_the_part_is_seen(opened: Any, picture: Picture) -> None:
+def test_the_outline_of_a_moved_part_is_reshaped_where_the_part_is_seen(open_editor: Any, picture: Picture) -> None:
     motion = RigidMotion.turn(90, MIDDLE, (20, 0))
-    page = opened(Editor(picture, frame(), parts=[RigidPart(Polygon(CORNERS), motion, name="bone")]))
+    page = open_editor(Editor(picture, frame(), parts=[RigidPart(Polygon(CORNERS), motion, name="bone")]))
     k = page.js(f"{PAGE}.viewport.view.k")
     at = motion(CORNERS[0])
     choose(page, (motion(CORNERS[0]) * 0.7 + motion(CORNERS[1]) * 0.3))
@@ -165,8 +165,8 @@ def test_the_outline_of_a_moved_part_is_reshaped_where_the_part_is_seen(opened: 
         Mask(np.pad(np.ones((12, 10), bool), 3), Raster((18, 16), (2.0, 2.0), (50.0, 5.0))),
     ],
 )
-def test_every_kind_of_region_is_moved_by_its_inside(opened: Any, picture: Picture, region: Any) -> None:
-    page = opened(Editor(picture, ControlPoints.from_arrays([[15.0, -25], [150, -25]]), parts=[RigidPart(region)]))
+def test_every_kind_of_region_is_moved_by_its_inside(open_editor: Any, picture: Picture, region: Any) -> None:
+    page = open_editor(Editor(picture, ControlPoints.from_arrays([[15.0, -25], [150, -25]]), parts=[RigidPart(region)]))
     k = page.js(f"{PAGE}.viewport.view.k")
     page.page.mouse.click(*page.to_screen((60.0, 30.0)))
     page.drag((60.0, 30.0), (-24, 18))
@@ -174,15 +174,15 @@ def test_every_kind_of_region_is_moved_by_its_inside(opened: Any, picture: Pictu
     assert_motion(page.editor.parts[0], RigidMotion.turn(0, (0, 0), (-24 / k, 18 / k)))
 
 
-def test_a_part_alone_says_that_nothing_holds_the_rest(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, ControlPoints.empty(), parts=[BONE]))
+def test_a_part_alone_says_that_nothing_holds_the_rest(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, ControlPoints.empty(), parts=[BONE]))
     choose(page)
     page.drag(INSIDE, (30, 0))
     assert "nothing holds what is around it" in page.page.locator(".dnb-ed-hint").inner_text()
 
 
-def test_a_drag_of_a_part_stops_before_the_picture_folds(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, frame().add([94.0, 25.0], [94.0, 25.0]), parts=[BONE], stop_at_folds=True))
+def test_a_drag_of_a_part_stops_before_the_picture_folds(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, frame().add([94.0, 25.0], [94.0, 25.0]), parts=[BONE], stop_at_folds=True))
     choose(page)
     turn(page, 75)
     page.wait("document.querySelector('.dnb-ed-notes').textContent.startsWith('Stopped before the picture folds')")
@@ -194,8 +194,8 @@ def test_a_drag_of_a_part_stops_before_the_picture_folds(opened: Any, picture: P
     assert page.js(f"{PAGE}.map.folds.least") > 0
 
 
-def test_the_inside_of_a_part_takes_points_and_no_right_click(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, frame(), parts=[BONE]))
+def test_the_inside_of_a_part_takes_points_and_no_right_click(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, frame(), parts=[BONE]))
     choose(page)
     page.page.mouse.click(*page.to_screen(INSIDE), button="right")
     page.page.mouse.dblclick(*page.to_screen(INSIDE))
@@ -211,8 +211,8 @@ def test_the_inside_of_a_part_takes_points_and_no_right_click(opened: Any, pictu
     assert page.page.locator(".dnb-ed-motion").is_hidden()
 
 
-def test_escape_gives_a_drag_of_a_part_up(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, frame(), parts=[BONE]))
+def test_escape_gives_a_drag_of_a_part_up(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, frame(), parts=[BONE]))
     choose(page)
     turn(page, 40)
     page.page.keyboard.press("Escape")
@@ -225,8 +225,8 @@ def test_escape_gives_a_drag_of_a_part_up(opened: Any, picture: Picture) -> None
 # ---- keys and fingers -----------------------------------------------------------------------------------------------
 
 
-def test_keys_move_and_turn_a_part_and_quick_presses_are_one_step(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, frame(), parts=[BONE]))
+def test_keys_move_and_turn_a_part_and_quick_presses_are_one_step(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, frame(), parts=[BONE]))
     du, dv = picture.raster.spacing
     page.page.locator("[data-shape='parts:0']").focus()
     for key in ("ArrowRight", "ArrowRight", "Shift+ArrowUp"):
@@ -255,8 +255,8 @@ def test_keys_move_and_turn_a_part_and_quick_presses_are_one_step(opened: Any, p
     assert joined[-1] == ["put back bone", False]
 
 
-def test_a_finger_moves_the_chosen_part(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, frame(), parts=[BONE]))
+def test_a_finger_moves_the_chosen_part(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, frame(), parts=[BONE]))
     fingers, k = Fingers(page.page), page.js(f"{PAGE}.viewport.view.k")
     fingers.tap(page.to_screen(INSIDE))
     page.page.locator(".dnb-ed-motion").wait_for(state="visible")
@@ -270,9 +270,9 @@ def test_a_finger_moves_the_chosen_part(opened: Any, picture: Picture) -> None:
 # ---- points in a part -----------------------------------------------------------------------------------------------
 
 
-def test_points_that_a_part_carries_go_with_it(opened: Any, picture: Picture) -> None:
+def test_points_that_a_part_carries_go_with_it(open_editor: Any, picture: Picture) -> None:
     points = frame().add([80.0, 30.0], [80.0, 30.0])
-    page = opened(Editor(picture, points, parts=[BONE]))
+    page = open_editor(Editor(picture, points, parts=[BONE]))
     choose(page)
     turn(page, 25)
     page.page.mouse.up()
@@ -286,9 +286,9 @@ def test_points_that_a_part_carries_go_with_it(opened: Any, picture: Picture) ->
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("how", ["carry", "off", "cancel"])
-def test_a_part_laid_over_points_asks_once_what_becomes_of_them(opened: Any, picture: Picture, how: str) -> None:
+def test_a_part_laid_over_points_asks_once_what_becomes_of_them(open_editor: Any, picture: Picture, how: str) -> None:
     points = frame().add([104.0, 20.0], [104.0, 20.0]).add([106.0, 30.0], [106.0, 30.0])
-    page = opened(Editor(picture, points, parts=[BONE]))
+    page = open_editor(Editor(picture, points, parts=[BONE]))
     k = page.js(f"{PAGE}.viewport.view.k")
     choose(page)
     page.drag(INSIDE, (26 * k, 0))
@@ -312,9 +312,9 @@ def test_a_part_laid_over_points_asks_once_what_becomes_of_them(opened: Any, pic
     assert (page.editor.parts, page.editor.points) == ((BONE,), points)
 
 
-def test_parts_that_python_proposes_are_asked_about_in_the_same_way(opened: Any, picture: Picture) -> None:
+def test_parts_that_python_proposes_are_asked_about_in_the_same_way(open_editor: Any, picture: Picture) -> None:
     points = frame().add([104.0, 20.0], [104.0, 20.0]).add([80.0, 30.0], [80.0, 30.0])
-    page = opened(Editor(picture, points, parts=[BONE]))
+    page = open_editor(Editor(picture, points, parts=[BONE]))
     moved = RigidPart(BONE.region, RigidMotion.turn(0, (0, 0), (24, 0)), name="bone")
     page.editor.propose([moved], "shift bone")
     page.wait("!document.querySelector('.dnb-ed-alert').hidden")
@@ -327,9 +327,9 @@ def test_parts_that_python_proposes_are_asked_about_in_the_same_way(opened: Any,
     assert page.js("models.editor.sent.at(-1).kind") == "shift bone, switch off its points"
 
 
-def test_a_small_part_has_room_to_be_dragged(opened: Any, picture: Picture) -> None:
+def test_a_small_part_has_room_to_be_dragged(open_editor: Any, picture: Picture) -> None:
     small = RigidPart(Polygon([(70, 20), (74, 20), (74, 24), (70, 24)]), name="stone")
-    page = opened(Editor(picture, frame(), parts=[small]))
+    page = open_editor(Editor(picture, frame(), parts=[small]))
     choose(page, (72, 22))
     page.drag((70, 20), (30, 0))  # where a corner would be
     page.wait_answered()

@@ -65,8 +65,8 @@ def assert_as_the_core(page: EditorOnPage, picture: Picture, least: int) -> np.n
 # ---- cuts -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, two_sides(), show_grid=False, theme="light"))
+def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, two_sides(), show_grid=False, theme="light"))
     before = page.canvas()
     draw(page, "x", [(71, -25), (71, 75)])
     (cut,) = page.editor.cuts
@@ -85,8 +85,8 @@ def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(opened: Any, p
     assert (columns.min(), columns.max()) == pytest.approx((middle - 40, middle + 50), abs=4)
 
 
-def test_the_chosen_cut_stops_at_its_ends_and_is_pulled_open_by_its_bar(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, front_only=False))
+def test_the_chosen_cut_stops_at_its_ends_and_is_pulled_open_by_its_bar(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, front_only=False))
     bar = page.page.get_by_role("group", name="Chosen cut")
     assert bar.is_hidden()
     draw(page, "x", [(71, 5), (71, 45)])
@@ -106,8 +106,8 @@ def test_the_chosen_cut_stops_at_its_ends_and_is_pulled_open_by_its_bar(opened: 
     assert bar.get_by_label("Front only").is_hidden()
 
 
-def test_an_outline_that_was_traced_becomes_points_in_its_place(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture))
+def test_an_outline_that_was_traced_becomes_points_in_its_place(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture))
     bar = page.page.get_by_role("group", name="Chosen cut")
     corners = [(40.0, 10.0), (100.0, 10.0), (100.0, 45.0), (40.0, 45.0)]
     draw(page, "x", [*corners, corners[0]], None)  # closed where it began
@@ -138,11 +138,13 @@ def test_an_outline_that_was_traced_becomes_points_in_its_place(opened: Any, pic
     "region",
     [Line([(71, -20), (78, 10), (64, 30), (76, 70)]), Polygon([(80, 0), (120, 5), (115, 50), (80, 45)]), "mask"],
 )
-def test_what_is_seen_beside_cuts_is_what_the_core_shows(opened: Any, picture: Picture, region: Any, rule: str) -> None:
+def test_what_is_seen_beside_cuts_is_what_the_core_shows(
+    open_editor: Any, picture: Picture, region: Any, rule: str
+) -> None:
     if region == "mask":
         at = picture.raster.points() - [102, 30]
         region = Mask((at[..., 0] / 18) ** 2 + (at[..., 1] / 45) ** 2 < 1, picture.raster)
-    page = opened(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[Cut(region)], cut_rule=rule))
+    page = open_editor(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[Cut(region)], cut_rule=rule))
     pull(page, two_sides(), [0, 1, 2], (-33, 12))
     pull(page, two_sides(), [4, 5], (41, -20))
     assert page.points.displacement.any(axis=1).tolist() == [True, True, True, False, True, True]
@@ -150,8 +152,8 @@ def test_what_is_seen_beside_cuts_is_what_the_core_shows(opened: Any, picture: P
     assert (opacity == 0).sum() > 500
 
 
-def test_a_cut_is_closed_by_a_click_on_its_start_and_drawn_in_one_stroke(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, two_sides()))
+def test_a_cut_is_closed_by_a_click_on_its_start_and_drawn_in_one_stroke(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, two_sides()))
     draw(page, "x", [(30, 0), (60, 0), (60, 40), (30, 0)], end=None)
     assert page.editor.cuts[0].region.kind == "polygon"
     assert len(page.editor.cuts[0].region.vertices) == 3
@@ -172,8 +174,8 @@ def test_a_cut_is_closed_by_a_click_on_its_start_and_drawn_in_one_stroke(opened:
     assert page.js(f"{PAGE}.tools.pen.isOn") is False
 
 
-def test_points_show_the_region_they_bend(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, two_sides(), cuts=[Cut(Line([(71, -20), (71, 70)]))]))
+def test_points_show_the_region_they_bend(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, two_sides(), cuts=[Cut(Line([(71, -20), (71, 70)]))]))
     fills = page.js("""[...document.querySelectorAll('.dnb-ed-target')].map((t) => {
         const [disc, form] = ['disc', 'form'].map((name) => getComputedStyle(t.querySelector(`.dnb-ed-${name}`)));
         return [t.dataset.region, disc.display, form.display, form.fill]; })""")
@@ -187,9 +189,9 @@ def test_points_show_the_region_they_bend(opened: Any, picture: Picture) -> None
     assert page.js("document.querySelector('.dnb-ed-target').hasAttribute('data-region')") is False
 
 
-def test_the_grid_is_split_at_a_cut(opened: Any, picture: Picture) -> None:
+def test_the_grid_is_split_at_a_cut(open_editor: Any, picture: Picture) -> None:
     points = two_sides().move(0, [40, -10]).move(1, [35, 25]).move(2, [40, 60])
-    page = opened(Editor(picture, points, cuts=[Cut(Line([(71, -40), (71, 90)]))], density=8))
+    page = open_editor(Editor(picture, points, cuts=[Cut(Line([(71, -40), (71, 90)]))], density=8))
     runs = page.js(f"{PAGE}.layers.grid.last.lines.map((l) => l.runs.map((r) => Array.from(r)))")
     across = [line for line in runs if len(line) == 2]
     assert len(across) == 8  # the lines from left to right, 7 cells high
@@ -201,9 +203,9 @@ def test_the_grid_is_split_at_a_cut(opened: Any, picture: Picture) -> None:
 # ---- rigid parts ----------------------------------------------------------------------------------------------------
 
 
-def test_nothing_moves_within_a_rigid_part(opened: Any, picture: Picture) -> None:
+def test_nothing_moves_within_a_rigid_part(open_editor: Any, picture: Picture) -> None:
     points = ControlPoints.from_arrays([[30.0, -10], [110, -5], [100, 60], [35, 70], [60, 25]])
-    page = opened(Editor(picture, points, show_grid=False, theme="light"))
+    page = open_editor(Editor(picture, points, show_grid=False, theme="light"))
     before = page.canvas()
     corners = [(75, 10), (100, 12), (98, 45), (72, 40)]
     draw(page, "p", corners)
@@ -219,9 +221,9 @@ def test_nothing_moves_within_a_rigid_part(opened: Any, picture: Picture) -> Non
     assert_as_the_core(page, picture, 100_000)
 
 
-def test_a_point_cannot_be_dragged_into_a_part(opened: Any, picture: Picture) -> None:
+def test_a_point_cannot_be_dragged_into_a_part(open_editor: Any, picture: Picture) -> None:
     part = RigidPart(Polygon([(75, 10), (100, 10), (100, 45), (75, 45)]), name="bone")
-    page = opened(Editor(picture, two_sides(), parts=[part]))
+    page = open_editor(Editor(picture, two_sides(), parts=[part]))
     x, y = page.to_screen((45, 25))
     there = page.to_screen((85, 25))
     page.page.mouse.move(x, y)
@@ -238,10 +240,12 @@ def test_a_point_cannot_be_dragged_into_a_part(opened: Any, picture: Picture) ->
 
 
 @pytest.mark.parametrize("how", ["carry", "switch off"])
-def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(opened: Any, picture: Picture, how: str) -> None:
+def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(
+    open_editor: Any, picture: Picture, how: str
+) -> None:
     points = two_sides().move(1, [55, 25])
     editor, corners = Editor(picture, points), [(45.0, 15.0), (70.0, 15.0), (70.0, 35.0), (45.0, 35.0)]
-    page = opened(editor)
+    page = open_editor(editor)
     draw(page, "p", corners)
     assert editor.parts == ()
     said = page.page.locator(".dnb-ed-alert").inner_text()
@@ -267,9 +271,9 @@ def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(opened: An
 
 
 def test_the_fixed_side_is_the_half_that_bears_its_name_until_the_sides_are_swapped(
-    opened: Any, picture: Picture
+    open_editor: Any, picture: Picture
 ) -> None:
-    page = opened(Editor(picture, two_sides()))
+    page = open_editor(Editor(picture, two_sides()))
     draw(page, "g", [(20, 40), (120, 45)], end=None)
     region = page.editor.parts[0].region
     assert page.editor.parts[0].name == "fixed side"
@@ -295,10 +299,10 @@ def test_the_fixed_side_is_the_half_that_bears_its_name_until_the_sides_are_swap
     assert fixed.signed_distance([names_half()])[0] > 0
 
 
-def test_the_side_of_what_was_dragged_is_not_the_fixed_one(opened: Any, picture: Picture) -> None:
+def test_the_side_of_what_was_dragged_is_not_the_fixed_one(open_editor: Any, picture: Picture) -> None:
     points = two_sides()
     low = int(np.argmax(points.target[:, 1]))
-    page = opened(Editor(picture, points.move(points.ids[low], points.target[low] + [2.0, 1.0])))
+    page = open_editor(Editor(picture, points.move(points.ids[low], points.target[low] + [2.0, 1.0])))
     draw(page, "g", [(20, 40), (120, 45)], end=None)
     region = page.editor.parts[0].region
     assert HalfSpace(region.point, region.normal).signed_distance([points.target[low]])[0] > 0
@@ -307,9 +311,9 @@ def test_the_side_of_what_was_dragged_is_not_the_fixed_one(opened: Any, picture:
 # ---- reshaping ------------------------------------------------------------------------------------------------------
 
 
-def test_corners_are_dragged_made_and_deleted(opened: Any, picture: Picture) -> None:
+def test_corners_are_dragged_made_and_deleted(open_editor: Any, picture: Picture) -> None:
     start = [(71.0, -20.0), (75.0, 20.0), (71.0, 70.0)]
-    page = opened(Editor(picture, two_sides(), cuts=[Cut(Line(start))]))
+    page = open_editor(Editor(picture, two_sides(), cuts=[Cut(Line(start))]))
     k = page.js(f"{PAGE}.viewport.view.k")
     page.page.mouse.click(*page.to_screen((73, 0)))  # choose it by its line
     page.drag((75, 20), (30, 10))
@@ -329,10 +333,10 @@ def test_corners_are_dragged_made_and_deleted(opened: Any, picture: Picture) -> 
     assert page.editor.cuts[0].region.vertices == pytest.approx(np.array(start))
 
 
-def test_a_double_click_on_an_end_lets_a_cut_stop_there(opened: Any, picture: Picture) -> None:
+def test_a_double_click_on_an_end_lets_a_cut_stop_there(open_editor: Any, picture: Picture) -> None:
     """Its tip is dragged like a corner; the picture is that of the core, with no gap beyond the tip."""
     line = Line([(71, -20), (71, 15)], stops=(False, False))
-    page = opened(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[Cut(line)]))
+    page = open_editor(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[Cut(line)]))
     page.page.mouse.click(*page.to_screen((71, 0)))
     page.page.mouse.dblclick(*page.to_screen((71, 15)))
     page.wait_answered()
@@ -356,9 +360,9 @@ def test_a_double_click_on_an_end_lets_a_cut_stop_there(opened: Any, picture: Pi
     assert page.editor.cuts[0].region.stops == (False, False)
 
 
-def test_a_line_that_would_cross_itself_stays_as_it_was(opened: Any, picture: Picture) -> None:
+def test_a_line_that_would_cross_itself_stays_as_it_was(open_editor: Any, picture: Picture) -> None:
     start = [(50.0, -20.0), (50.0, 20.0), (90.0, 20.0), (90.0, 70.0)]
-    page = opened(Editor(picture, ControlPoints.empty(), cuts=[Cut(Line(start))]))
+    page = open_editor(Editor(picture, ControlPoints.empty(), cuts=[Cut(Line(start))]))
     page.page.mouse.click(*page.to_screen((50, 0)))
     page.drag((90, 70), (-50, -500))
     assert "crosses itself" in page.page.locator(".dnb-ed-hint").inner_text()
@@ -378,8 +382,8 @@ def test_a_line_that_would_cross_itself_stays_as_it_was(opened: Any, picture: Pi
 # ---- history and Python ---------------------------------------------------------------------------------------------
 
 
-def test_shapes_and_points_are_undone_in_their_order(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, two_sides()))
+def test_shapes_and_points_are_undone_in_their_order(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, two_sides()))
     draw(page, "x", [(71, -25), (71, 75)])
     page.drag((45, 25), (-30, 0))
     draw(page, "p", [(105, -20), (125, -20), (125, 10)])
@@ -395,10 +399,10 @@ def test_shapes_and_points_are_undone_in_their_order(opened: Any, picture: Pictu
     assert kinds[:2] == [["cuts", "add cut"], ["parts", "add rigid part"]]
 
 
-def test_python_owns_the_history_where_it_has_one(opened: Any, picture: Picture) -> None:
+def test_python_owns_the_history_where_it_has_one(open_editor: Any, picture: Picture) -> None:
     editor = Editor(picture, two_sides())
     editor.history = {"undo": "", "redo": ""}
-    page, asked, heard = opened(editor), [], []
+    page, asked, heard = open_editor(editor), [], []
     editor.on_history(asked.append)
     editor.on_shapes(heard.append)
     under_way: list[Any] = []
@@ -417,11 +421,13 @@ def test_python_owns_the_history_where_it_has_one(opened: Any, picture: Picture)
     assert editor.edit_under_way is None
 
 
-def test_the_chosen_shape_is_the_same_in_python_and_in_the_page_however_late(opened: Any, picture: Picture) -> None:
+def test_the_chosen_shape_is_the_same_in_python_and_in_the_page_however_late(
+    open_editor: Any, picture: Picture
+) -> None:
     boxes = [[(a, 5.0), (a + 15, 5.0), (a + 15, 25.0), (a, 25.0)] for a in (20.0, 60.0, 100.0)]
     bones = [RigidPart(Polygon(box), name=name) for box, name in zip(boxes, "abc", strict=True)]
     editor = Editor(picture, ControlPoints.empty(), parts=bones)
-    page = opened(editor)
+    page = open_editor(editor)
 
     def names() -> tuple[str, str]:
         """The chosen shape in the page, and in Python."""
@@ -449,7 +455,7 @@ def test_the_chosen_shape_is_the_same_in_python_and_in_the_page_however_late(ope
     assert ([part.name for part in editor.parts], names()) == (["c"], ("", ""))
 
 
-def test_shapes_that_python_refuses_go_back(opened: Any, picture: Picture) -> None:
+def test_shapes_that_python_refuses_go_back(open_editor: Any, picture: Picture) -> None:
     editor = Editor(picture, two_sides())
 
     def refuse(change: Any) -> None:
@@ -457,7 +463,7 @@ def test_shapes_that_python_refuses_go_back(opened: Any, picture: Picture) -> No
             raise DeformError("no cuts today.")
 
     editor.observe(refuse, "cuts")
-    page = opened(editor)
+    page = open_editor(editor)
     draw(page, "x", [(71, -25), (71, 75)])
     page.wait(f"{PAGE}.points.shapes.cuts.length === 0")
     assert "no cuts today." in page.page.locator(".dnb-ed-alert").inner_text()
@@ -467,8 +473,8 @@ def test_shapes_that_python_refuses_go_back(opened: Any, picture: Picture) -> No
 # ---- keys -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_cut_is_drawn_named_reshaped_and_deleted_by_keys_alone(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, two_sides()))
+def test_a_cut_is_drawn_named_reshaped_and_deleted_by_keys_alone(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, two_sides()))
     press, k = page.page.keyboard.press, page.js(f"{PAGE}.viewport.view.k")
     page.page.locator(".dnb-ed-stage").focus()
     press("x")
@@ -518,9 +524,9 @@ def test_a_cut_is_drawn_named_reshaped_and_deleted_by_keys_alone(opened: Any, pi
     assert page.editor.cuts == ()
 
 
-def test_nothing_is_added_in_a_gap(opened: Any, picture: Picture) -> None:
+def test_nothing_is_added_in_a_gap(open_editor: Any, picture: Picture) -> None:
     points = two_sides().move(0, [40, -10]).move(1, [35, 25]).move(2, [40, 60])
-    page = opened(Editor(picture, points, cuts=[Cut(Line([(71, -40), (71, 90)]))]))
+    page = open_editor(Editor(picture, points, cuts=[Cut(Line([(71, -40), (71, 90)]))]))
     page.page.mouse.dblclick(*page.to_screen((66, 20)))
     assert "This is a gap" in page.page.locator(".dnb-ed-hint").inner_text()
     page.page.mouse.dblclick(*page.to_screen((58, 20)))
@@ -528,8 +534,8 @@ def test_nothing_is_added_in_a_gap(opened: Any, picture: Picture) -> None:
     assert page.points.source[6] == pytest.approx([68, 20], abs=0.3)
 
 
-def test_escape_gives_a_drawing_up_and_a_read_only_editor_draws_nothing(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture, two_sides(), cuts=[Cut(Line([(71, -20), (71, 70)]))]))
+def test_escape_gives_a_drawing_up_and_a_read_only_editor_draws_nothing(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, two_sides(), cuts=[Cut(Line([(71, -20), (71, 70)]))]))
     draw(page, "p", [(30, 0), (60, 0), (60, 40)], end="Escape")
     assert page.editor.parts == ()
     page.editor.read_only = True
@@ -545,10 +551,10 @@ def test_escape_gives_a_drawing_up_and_a_read_only_editor_draws_nothing(opened: 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("rule", list(CUT_RULES))
 def test_the_quick_picture_of_a_drag_is_the_full_one_but_for_corners_of_cuts(
-    opened: Any, picture: Picture, rule: str
+    open_editor: Any, picture: Picture, rule: str
 ) -> None:
     cut = Cut(Line([(71, -20), (78, 10), (64, 30), (76, 70)]))
-    page = opened(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[cut], cut_rule=rule))
+    page = open_editor(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[cut], cut_rule=rule))
     pull(page, two_sides(), [0, 1, 2], (-33, 12))
     full = page.canvas()
     page.js(f"""(() => {{ const {{ map, picture: {{ box, painter }}, theme, viewport: {{ view }} }} = {PAGE};

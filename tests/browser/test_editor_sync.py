@@ -39,9 +39,9 @@ class History:
         self._shown = editor.points
         editor.observe(self._edited, "points")
         editor.on_history(self._step)
-        self._told()
+        self._publish_history()
 
-    def _told(self) -> None:
+    def _publish_history(self) -> None:
         self.editor.history = {
             "undo": f"{len(self.past)} back" if self.past else "",
             "redo": f"{len(self.future)} on" if self.future else "",
@@ -51,7 +51,7 @@ class History:
         if self.editor.edit_under_way is not None:
             self.past.append((self.editor.edit_under_way.kind, self._shown))
             self.future, self._shown = [], change["new"]
-            self._told()
+            self._publish_history()
 
     def _step(self, way: str) -> None:
         source, target = (self.past, self.future) if way == "undo" else (self.future, self.past)
@@ -59,12 +59,12 @@ class History:
             kind, points = source.pop()
             target.append((kind, self._shown))
             self._shown = self.editor.points = points
-            self._told()
+            self._publish_history()
 
 
-def test_python_owns_the_undo_where_it_says_so(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_python_owns_the_undo_where_it_says_so(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points)
-    page, held = opened(editor), History(editor)
+    page, held = open_editor(editor), History(editor)
     button = page.page.locator("[data-command=undo]")
     page.wait("document.querySelector('[data-command=undo]').ariaDisabled === 'true'")
     page.drag(points.target[4], (40, 20))
@@ -99,10 +99,10 @@ def lit(page: EditorOnPage) -> tuple[bool, bool]:
 
 
 def test_undo_and_redo_are_lit_by_what_is_there_however_late_python_answers(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor = Editor(picture, points)
-    page, held = opened(editor), History(editor)
+    page, held = open_editor(editor), History(editor)
     page.held = []
     sent = "models.editor.sent.length === {}"
     pressed(page, points.target[4], (40, 20))
@@ -132,8 +132,8 @@ def test_undo_and_redo_are_lit_by_what_is_there_however_late_python_answers(
     page.held = None
 
 
-def test_a_name_being_typed_keeps_its_own_undo(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_a_name_being_typed_keeps_its_own_undo(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag(points.target[4], (40, 20))
     moved = page.points
     page.page.keyboard.press("F2")
@@ -149,11 +149,11 @@ def test_a_name_being_typed_keeps_its_own_undo(opened: Any, picture: Picture, po
 
 
 def test_python_hears_what_was_done_and_what_belongs_together(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor, seen = Editor(picture, points), []
     editor.on_edit(lambda edit: seen.append((edit.kind, edit.joins)), details=True)
-    page = opened(editor)
+    page = open_editor(editor)
     page.page.locator("[data-id='4']").focus()
     page.js(
         f"{{ const {{ history }} = {PAGE}.sender, record = history.record.bind(history); let now = 0;"
@@ -183,7 +183,7 @@ def test_python_hears_what_was_done_and_what_belongs_together(
 
 
 def test_an_error_of_a_callback_is_seen_while_the_drag_goes_on(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor = Editor(picture, points)
 
@@ -192,7 +192,7 @@ def test_an_error_of_a_callback_is_seen_while_the_drag_goes_on(
             raise RuntimeError("no room on the card")
 
     editor.on_edit(fail)
-    page = opened(editor)
+    page = open_editor(editor)
     pressed(page, points.target[4], (20, 10))
     page.wait("!document.querySelector('[role=alert]').hidden")
     assert "RuntimeError in a callback: no room on the card" in page.page.locator("[role=alert]").inner_text()
@@ -204,11 +204,11 @@ def test_an_error_of_a_callback_is_seen_while_the_drag_goes_on(
 
 
 def test_a_drag_that_is_given_up_ends_where_it_began_for_python_too(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor, seen = Editor(picture, points), []
     editor.on_edit(lambda p, phase: seen.append((phase, p == points)))
-    page = opened(editor)
+    page = open_editor(editor)
     pressed(page, points.target[4], (20, 10), (50, 30))
     page.wait_answered()
     page.page.keyboard.press("Escape")
@@ -222,8 +222,8 @@ def test_a_drag_that_is_given_up_ends_where_it_began_for_python_too(
 # ---- a kernel that does not answer ----------------------------------------------------------------------------------
 
 
-def test_a_busy_kernel_is_said_until_it_answers(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_a_busy_kernel_is_said_until_it_answers(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.drag(points.target[0], (10, 5))
     page.wait(f"{PAGE}.sender.channel.isAnswered")
     pressed(page, points.target[4], (20, 10))
@@ -235,8 +235,8 @@ def test_a_busy_kernel_is_said_until_it_answers(opened: Any, picture: Picture, p
     assert (page.points.target[:2] != points.target[:2]).any(axis=1).all()
 
 
-def test_edits_that_cannot_be_sent_stay_and_are_said(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_edits_that_cannot_be_sent_stay_and_are_said(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.js("{ models.editor.send = () => { throw new Error('Cannot send'); }; }")
     pressed(page, points.target[4], (20, 10))
     page.page.mouse.up()
@@ -251,9 +251,11 @@ def test_edits_that_cannot_be_sent_stay_and_are_said(opened: Any, picture: Pictu
 # ---- several windows ------------------------------------------------------------------------------------------------
 
 
-def test_two_windows_and_a_new_one_show_what_python_has(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_two_windows_and_a_new_one_show_what_python_has(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor = Editor(picture, points)
-    first, second = opened(editor), opened(editor)
+    first, second = open_editor(editor), open_editor(editor)
 
     def send(content: Any, buffers: Any = None) -> None:
         for page in (first, second):
@@ -273,14 +275,16 @@ def test_two_windows_and_a_new_one_show_what_python_has(opened: Any, picture: Pi
     assert wanted[:2] == points.target[:2].tolist()
     assert wanted[4] == points.target[4].tolist()
     assert wanted[2] != points.target[2].tolist()
-    third = opened(editor)
+    third = open_editor(editor)
     for page in (first, second, third):
         assert page.js(f"{PAGE}.points.list.map((p) => p.target)") == wanted
     assert set(editor.seen) == {page.js(f"{PAGE}.sender.channel.id") for page in (first, second)}
 
 
-def test_what_waits_is_sent_when_the_editor_is_closed(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_what_waits_is_sent_when_the_editor_is_closed(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points))
     page.page.locator("[data-id='4']").focus()
     for _ in range(4):
         page.page.keyboard.press("ArrowRight")  # no answer comes: two are sent, the newest waits

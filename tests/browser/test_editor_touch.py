@@ -94,9 +94,9 @@ def pen(page: EditorOnPage, start: Any, by: Any, *, steps: int = 4) -> None:
 
 
 def test_a_finger_scrolls_the_page_until_someone_works_in_the_editor(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points))
+    page = open_editor(Editor(picture, points))
     tall(page.page)
     fingers, place, view = Fingers(page.page), page.to_screen([52, 40]), page.js(f"({{...{PAGE}.viewport.view}})")
     fingers.swipe(place, (0, -150))
@@ -115,8 +115,10 @@ def test_a_finger_scrolls_the_page_until_someone_works_in_the_editor(
     assert page.js(f"{PAGE}.viewport.view.k") == view["k"]
 
 
-def test_a_point_is_dragged_at_once_and_nothing_scrolls(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_a_point_is_dragged_at_once_and_nothing_scrolls(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points))
     tall(page.page)
     Fingers(page.page).drag(page.to_screen(points.target[4]), (6, -60))
     page.wait_settled()
@@ -125,8 +127,8 @@ def test_a_point_is_dragged_at_once_and_nothing_scrolls(opened: Any, picture: Pi
     assert page.js("scrollY") == 0
 
 
-def test_in_an_application_that_it_fills_a_finger_is_the_editors(opened: Any, picture: Picture) -> None:
-    page = opened(Editor(picture))
+def test_in_an_application_that_it_fills_a_finger_is_the_editors(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture))
     page.js("document.querySelector('.dnb-editor').parentElement.style.height = '480px'")
     page.js("models.editor.set('fill', true)")
     page.js("document.querySelector('.dnb-editor').deformnb.layout()")
@@ -139,9 +141,9 @@ def test_in_an_application_that_it_fills_a_finger_is_the_editors(opened: Any, pi
 
 
 def test_fingers_select_several_points_by_taps_and_by_a_band(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points))
+    page = open_editor(Editor(picture, points))
     fingers, button = Fingers(page.page), page.page.locator("[data-command=select]")
     selected = f"[...{PAGE}.points.selected].sort().join()"
     fingers.tap(page.to_screen(points.target[0]))
@@ -172,8 +174,8 @@ def test_fingers_select_several_points_by_taps_and_by_a_band(
     assert page.js(selected) == ""
 
 
-def test_two_fingers_end_a_band_and_move_the_view(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_two_fingers_end_a_band_and_move_the_view(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     fingers, k = Fingers(page.page), page.js(f"{PAGE}.viewport.view.k")
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("b")
@@ -192,8 +194,8 @@ def test_two_fingers_end_a_band_and_move_the_view(opened: Any, picture: Picture,
     assert page.page.locator(".dnb-ed-band").get_attribute("visibility") == "hidden"
 
 
-def test_one_tool_at_a_time(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_one_tool_at_a_time(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     press = page.page.keyboard.press
     page.page.locator(".dnb-ed-stage").focus()
     for key in ("a", "s", "x"):
@@ -217,9 +219,9 @@ def test_one_tool_at_a_time(opened: Any, picture: Picture, points: ControlPoints
 
 
 def test_a_drag_that_begins_on_a_line_draws_a_band_and_a_click_chooses_the_line(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points, cuts=[Cut(Line([(55, -20), (55, 70)]))]))
+    page = open_editor(Editor(picture, points, cuts=[Cut(Line([(55, -20), (55, 70)]))]))
     k = page.js(f"{PAGE}.viewport.view.k")
     page.drag([55, 15], (30 * k, 20 * k))
     assert page.js(f"[{PAGE}.tools.shapes.choice.chosen, [...{PAGE}.points.selected]]") == [None, [4]]
@@ -233,8 +235,8 @@ def test_a_drag_that_begins_on_a_line_draws_a_band_and_a_click_chooses_the_line(
 # ---- pens -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_pen_drags_points_draws_bands_and_strokes(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_a_pen_drags_points_draws_bands_and_strokes(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.js(
         "(() => { window.kinds = new Set(); document.querySelector('.dnb-ed-svg').addEventListener('pointerdown', "
         "(e) => kinds.add(e.pointerType)); })()"

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.needs_browser
 SLICES = {"count": 9, "first": -8.0, "spacing": 2.0}
 
 
-def shown_pixels(page: EditorOnPage) -> Any:
+def source_pixels(page: EditorOnPage) -> Any:
     return np.array(page.js(f"[...{PAGE}.picture.painter.source.levels[0].pixels]"))
 
 
@@ -34,13 +34,13 @@ def wanted(picture: Picture | None) -> Any:
 
 @pytest.mark.parametrize("factor", [1.0, 11.7])
 def test_a_drag_with_the_right_button_changes_the_window_at_once_and_python_hears_the_end(
-    opened: Any, picture: Picture, points: ControlPoints, factor: float
+    open_editor: Any, picture: Picture, points: ControlPoints, factor: float
 ) -> None:
     if factor != 1.0:  # values that need two bytes
         values = picture.values * np.float32(factor) - 1000
         picture = replace(picture, values=values, window=(-900.0, 1500.0), unit="HU")
-    page = opened(Editor(picture, points, show_grid=False))
-    assert np.abs(shown_pixels(page).astype(int) - wanted(picture)).max() <= (0 if factor == 1.0 else 1)
+    page = open_editor(Editor(picture, points, show_grid=False))
+    assert np.abs(source_pixels(page).astype(int) - wanted(picture)).max() <= (0 if factor == 1.0 else 1)
     bright, mouse = page.canvas().mean(), page.page.mouse
     x, y = page.to_screen(points.target[4])
     mouse.move(x, y)
@@ -57,14 +57,14 @@ def test_a_drag_with_the_right_button_changes_the_window_at_once_and_python_hear
     low, high = page.editor.window
     assert high - low < picture.window[1] - picture.window[0]
     assert (low + high) / 2 > sum(picture.window) / 2
-    assert np.abs(shown_pixels(page).astype(int) - wanted(page.editor.picture)).max() <= 1
+    assert np.abs(source_pixels(page).astype(int) - wanted(page.editor.picture)).max() <= 1
     assert page.points == points  # what began on a point has deleted nothing
 
 
 def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points, show_grid=False))
+    page = open_editor(Editor(picture, points, show_grid=False))
     before = page.canvas()
     page.page.locator("[data-command=window]").click()
     page.wait_settled()
@@ -96,9 +96,9 @@ def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
 
 
 def test_a_colour_bar_has_the_colours_and_its_handles_set_the_window(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points, show_grid=False))
+    page = open_editor(Editor(picture, points, show_grid=False))
     bar = page.page.locator(".dnb-ed-colours")
     assert bar.is_hidden()
     page.editor.colour_map = "viridis"
@@ -129,19 +129,19 @@ def test_a_colour_bar_has_the_colours_and_its_handles_set_the_window(
 
 
 def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points.move(4, points.target[4] + [9, -5]), show_grid=False, overlay="none"))
+    page = open_editor(Editor(picture, points.move(4, points.target[4] + [9, -5]), show_grid=False, overlay="none"))
 
-    def shown(shows: str) -> Any:
+    def canvas_pixels(shows: str) -> Any:
         page.editor.shows = shows
         page.wait(f"{PAGE}.picture.compare.shows === '{shows}'")
         page.wait_settled()
         return page.canvas().astype(float)
 
-    deformed, original = shown("deformed"), shown("original")
+    deformed, original = canvas_pixels("deformed"), canvas_pixels("original")
     assert np.abs(deformed - original).max() > 20
-    wipe, width = shown("wipe"), deformed.shape[1]
+    wipe, width = canvas_pixels("wipe"), deformed.shape[1]
     near = slice(width // 2 - 2, width // 2 + 2)
     for image, part in ((original, slice(0, width // 2)), (deformed, slice(width // 2, None))):
         difference = np.abs(wipe - image)[:, part]
@@ -157,7 +157,7 @@ def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
     page.page.locator(".dnb-wipe").press("Home")
     page.wait_settled()
     np.testing.assert_array_equal(page.canvas(), deformed)
-    shown("fade")
+    canvas_pixels("fade")
     page.page.locator(".dnb-fade input").fill("0.25")
     page.wait(f"!{PAGE}.frames.isMoving")
     page.wait_settled()
@@ -165,8 +165,8 @@ def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
     assert page.points == page.editor.points
 
 
-def test_escape_gives_a_drag_of_the_window_up(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, window=[50, 150]))
+def test_escape_gives_a_drag_of_the_window_up(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, window=[50, 150]))
     page.page.keyboard.press("Tab")
     x, y = page.to_screen((90, 10))
     page.page.locator(".dnb-ed-stage").focus()
@@ -180,9 +180,9 @@ def test_escape_gives_a_drag_of_the_window_up(opened: Any, picture: Picture, poi
     assert page.editor.window == [50, 150]
 
 
-def test_wheel_and_page_keys_go_through_the_slices(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_wheel_and_page_keys_go_through_the_slices(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     seen = replace(picture, grid=Grid((44, 9, 60), (2.0, 2.0, 2.5), unit="mm"))
-    page = opened(Editor(seen, points, slices=SLICES, slice=3))
+    page = open_editor(Editor(seen, points, slices=SLICES, slice=3))
     status = page.page.locator(".dnb-ed-slice")
     assert status.inner_text() == "slice 4 / 9, -2.0 mm"
     page.page.evaluate("document.body.style.height = '4000px'")
@@ -210,10 +210,10 @@ def test_wheel_and_page_keys_go_through_the_slices(opened: Any, picture: Picture
 
 
 def test_the_status_line_names_place_and_value_under_the_pointer(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     moved = points.move(4, points.target[4] + [10.0, 0.0])
-    page = opened(Editor(replace(picture, unit="HU"), moved))
+    page = open_editor(Editor(replace(picture, unit="HU"), moved))
     page.page.mouse.move(*page.to_screen(points.target[4] + [10.0, 0.0]))
     line = page.page.locator(".dnb-ed-value")
     page.wait("document.querySelector('.dnb-ed-value').textContent !== ''")
@@ -229,14 +229,14 @@ def test_the_status_line_names_place_and_value_under_the_pointer(
 
 
 def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor = Editor(
         picture, points.move(points.ids[4], points.target[4] + [4.0, 0.0]), show_grid=False, wand={"region": None}
     )
     asked: list[WandRequest] = []
     editor.on_wand(asked.append)
-    page = opened(editor)
+    page = open_editor(editor)
     before = page.points
     page.page.locator("[data-command=wand]").click()
     x, y = page.to_screen(points.target[4] + [4.0, 0.0])

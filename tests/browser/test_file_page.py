@@ -60,17 +60,17 @@ class FilePage(Opened):
 
 
 @pytest.fixture
-def opened(browser: Any, tmp_path: Path) -> Iterator[Callable[..., FilePage]]:
+def open_page(browser: Any, tmp_path: Path) -> Iterator[Callable[..., FilePage]]:
     pages: list[FilePage] = []
 
-    def open_page(size: tuple[int, int] = (940, 700), **options: Any) -> FilePage:
+    def make(size: tuple[int, int] = (940, 700), **options: Any) -> FilePage:
         path = tmp_path / "page.html"
         if not path.exists():
             write_file_page(path)
         pages.append(FilePage(browser, path, size, "", accept_downloads=True, **options))
         return pages[-1]
 
-    yield open_page
+    yield make
     for page in pages:
         page.context.close()
         assert page.errors == []
@@ -105,11 +105,13 @@ def check_replay(page: FilePage, path: Path, session: Path, folder: Path) -> Non
     np.testing.assert_allclose(result.values[inside], expected, rtol=0, atol=rounding + CLOSE * np.ptp(volume.values))
 
 
-def test_a_session_of_the_page_gives_the_same_volume_in_python(opened: Callable[..., FilePage], tmp_path: Path) -> None:
+def test_a_session_of_the_page_gives_the_same_volume_in_python(
+    open_page: Callable[..., FilePage], tmp_path: Path
+) -> None:
     ball = bar_with_a_ball()
     path = tmp_path / "ball.nii.gz"
     write_volume(Volume(ball.values.astype(np.float64), GRID), path)
-    page = opened()
+    page = open_page()
     page.open(path)
     page.wait(f"{VIEW}.caster?.isReady && {VIEW}.field")
     a0, a1, b0, b1 = page.js(f"({EDITOR}.picture.painter.source.box)")
@@ -154,12 +156,12 @@ def test_a_session_of_the_page_gives_the_same_volume_in_python(opened: Callable[
 
 
 @pytest.mark.nightly
-def test_a_picture_is_deformed_by_a_finger_on_a_phone(opened: Callable[..., FilePage], tmp_path: Path) -> None:
+def test_a_picture_is_deformed_by_a_finger_on_a_phone(open_page: Callable[..., FilePage], tmp_path: Path) -> None:
     rows, columns = np.mgrid[:60, :80]
     colours = np.stack([3 * columns, 4 * rows, (columns // 8 + rows // 8) % 2 * 200], axis=-1).astype(np.uint8)
     path = tmp_path / "photo.png"
     Image.fromarray(colours).save(path)
-    page = opened((390, 844), has_touch=True)
+    page = open_page((390, 844), has_touch=True)
     page.open(path)
     assert page.js("document.documentElement.scrollWidth <= innerWidth")
     view, box = page.js(f"({EDITOR}.viewport.view)"), page.page.locator(".dnb-ed-stage").bounding_box()

@@ -47,7 +47,7 @@ EDITOR = "document.querySelector('.dnb-editor')?.deformnb?.parts"
 
 
 @pytest.fixture(scope="module")
-def shown(browser: Any, lab: Lab) -> Iterator[tuple[Any, Any]]:
+def fit_page(browser: Any, lab: Lab) -> Iterator[tuple[Any, Any]]:
     page = browser.new_page(viewport={"width": 1280, "height": 1100})
     lab.open_notebook(page, [SETUP, "report"])
     page.wait_for_selector(".report", timeout=120_000)
@@ -57,8 +57,8 @@ def shown(browser: Any, lab: Lab) -> Iterator[tuple[Any, Any]]:
     page.close()
 
 
-def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(shown: tuple[Any, Any]) -> None:
-    _, page = shown
+def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(fit_page: tuple[Any, Any]) -> None:
+    _, page = fit_page
     before = read_report(page, lambda state: True)
     assert before["miss"] > 2.5
     image = page.locator(".jupyter-widgets.widget-image:visible")
@@ -82,8 +82,8 @@ def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(
     assert read_report(page, lambda state: state["undo"] == "")["miss"] == pytest.approx(before["miss"])
 
 
-def test_what_is_selected_snaps(shown: tuple[Any, Any]) -> None:
-    _, page = shown
+def test_what_is_selected_snaps(fit_page: tuple[Any, Any]) -> None:
+    _, page = fit_page
     button = page.get_by_role("button", name="Snap selected points")
     button.click()
     page.locator("[role=status]", has_text="no point is selected").wait_for(timeout=60_000)
@@ -98,8 +98,8 @@ def test_what_is_selected_snaps(shown: tuple[Any, Any]) -> None:
     assert "Left because it is locked: 0 (corner), 1 (corner), 2 (corner), 3 (corner)." in status.inner_text()
 
 
-def test_the_target_is_laid_over_the_picture(shown: tuple[Any, Any]) -> None:
-    server, page = shown
+def test_the_target_is_laid_over_the_picture(fit_page: tuple[Any, Any]) -> None:
+    server, page = fit_page
     ghost = page.locator("img.dnb-ed-ghost")
     assert ghost.count() == 1
     assert not ghost.is_visible()

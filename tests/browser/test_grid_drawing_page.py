@@ -52,17 +52,17 @@ class OnDrawing(LivePage):
 
 
 @pytest.fixture
-def on_drawing(browser: Any) -> Iterator[OnDrawing]:
+def drawing_page(browser: Any) -> Iterator[OnDrawing]:
     opened = OnDrawing(browser)
     yield opened
     opened.close()
 
 
-def test_nodes_that_nobody_placed_follow_the_thin_plate_spline_of_those_that_were(on_drawing: OnDrawing) -> None:
-    before, scale = on_drawing.drawing.nodes, on_drawing.scale()
-    on_drawing.drag(0, -20, -30)
-    on_drawing.drag(7, 10, 15)
-    moved = on_drawing.drawing.nodes
+def test_nodes_that_nobody_placed_follow_the_thin_plate_spline_of_those_that_were(drawing_page: OnDrawing) -> None:
+    before, scale = drawing_page.drawing.nodes, drawing_page.scale()
+    drawing_page.drag(0, -20, -30)
+    drawing_page.drag(7, 10, 15)
+    moved = drawing_page.drawing.nodes
     np.testing.assert_allclose(moved[0, 0], before[0, 0] + np.array([-20, -30]) / scale, atol=0.02)
     regular = np.stack(np.meshgrid(np.linspace(0, 1, COLUMNS), np.linspace(0, 1, ROWS)), axis=-1)
     placed = [0, 4, 15, 19, 7]
@@ -70,48 +70,48 @@ def test_nodes_that_nobody_placed_follow_the_thin_plate_spline_of_those_that_wer
     spline = fit_rbf(ControlPoints.from_arrays(places, knots), kernel="thin_plate", support=1.0)
     wanted = regular.reshape(-1, 2) + spline.displacement(regular.reshape(-1, 2))
     np.testing.assert_allclose(moved.reshape(-1, 2), wanted, atol=1e-6)
-    assert on_drawing.drawing.shown["placed"] == [0, 7]
+    assert drawing_page.drawing.shown["placed"] == [0, 7]
 
 
-def test_drags_are_taken_back_and_inner_nodes_spread_again(on_drawing: OnDrawing) -> None:
-    on_drawing.drag(4, 15, -10)
-    corner = on_drawing.drawing.nodes
-    on_drawing.drag(7, 10, 15)
-    on_drawing.press("Control+z")
-    np.testing.assert_allclose(on_drawing.drawing.nodes, corner)
-    on_drawing.drag(12, 10, 15)
-    before = on_drawing.drawing.nodes
-    on_drawing.page.get_by_role("button", name="Spread evenly").click()
-    on_drawing.wait_until(lambda: on_drawing.drawing.nodes is not before)
-    np.testing.assert_allclose(on_drawing.drawing.nodes, corner, atol=1e-9)
+def test_drags_are_taken_back_and_inner_nodes_spread_again(drawing_page: OnDrawing) -> None:
+    drawing_page.drag(4, 15, -10)
+    corner = drawing_page.drawing.nodes
+    drawing_page.drag(7, 10, 15)
+    drawing_page.press("Control+z")
+    np.testing.assert_allclose(drawing_page.drawing.nodes, corner)
+    drawing_page.drag(12, 10, 15)
+    before = drawing_page.drawing.nodes
+    drawing_page.page.get_by_role("button", name="Spread evenly").click()
+    drawing_page.wait_until(lambda: drawing_page.drawing.nodes is not before)
+    np.testing.assert_allclose(drawing_page.drawing.nodes, corner, atol=1e-9)
 
 
-def test_keys_alone_walk_and_move(on_drawing: OnDrawing) -> None:
-    start, focused = on_drawing.drawing.nodes, "document.activeElement.getAttribute('aria-label')"
-    on_drawing.page.keyboard.press("Tab")
-    assert on_drawing.page.evaluate(focused).startswith("node r0 c0")
-    on_drawing.page.keyboard.press("Alt+ArrowRight")
-    on_drawing.page.keyboard.press("Alt+ArrowDown")
-    assert on_drawing.page.evaluate(focused).startswith("node r1 c1")
-    on_drawing.press("ArrowRight")
-    on_drawing.press("Shift+ArrowUp")
-    way = on_drawing.drawing.nodes[1, 1] - start[1, 1]
+def test_keys_alone_walk_and_move(drawing_page: OnDrawing) -> None:
+    start, focused = drawing_page.drawing.nodes, "document.activeElement.getAttribute('aria-label')"
+    drawing_page.page.keyboard.press("Tab")
+    assert drawing_page.page.evaluate(focused).startswith("node r0 c0")
+    drawing_page.page.keyboard.press("Alt+ArrowRight")
+    drawing_page.page.keyboard.press("Alt+ArrowDown")
+    assert drawing_page.page.evaluate(focused).startswith("node r1 c1")
+    drawing_page.press("ArrowRight")
+    drawing_page.press("Shift+ArrowUp")
+    way = drawing_page.drawing.nodes[1, 1] - start[1, 1]
     np.testing.assert_allclose(way, [120 / 200, -5 * 120 / 200], atol=1e-9)
 
 
-def test_escape_gives_up_a_drag(on_drawing: OnDrawing) -> None:
-    before, (x, y) = on_drawing.drawing.nodes, on_drawing.node(0)
-    on_drawing.page.mouse.move(x, y)
-    on_drawing.page.mouse.down()
-    on_drawing.page.mouse.move(x + 30, y + 30, steps=3)
-    on_drawing.page.keyboard.press("Escape")
-    on_drawing.page.mouse.up()
-    on_drawing.wait_until(lambda: np.allclose(on_drawing.node(0), (x, y), atol=1))
-    assert on_drawing.drawing.nodes is before
+def test_escape_gives_up_a_drag(drawing_page: OnDrawing) -> None:
+    before, (x, y) = drawing_page.drawing.nodes, drawing_page.node(0)
+    drawing_page.page.mouse.move(x, y)
+    drawing_page.page.mouse.down()
+    drawing_page.page.mouse.move(x + 30, y + 30, steps=3)
+    drawing_page.page.keyboard.press("Escape")
+    drawing_page.page.mouse.up()
+    drawing_page.wait_until(lambda: np.allclose(drawing_page.node(0), (x, y), atol=1))
+    assert drawing_page.drawing.nodes is before
 
 
-def test_lines_that_change_in_python_are_drawn(on_drawing: OnDrawing) -> None:
-    on_drawing.drawing.set_lines(3, 3)
-    on_drawing.wait("document.querySelectorAll('.dnb-grid-drawing .dnb-cv-node').length === 9")
-    on_drawing.drag(4, 5, 5)
-    assert on_drawing.drawing.shown["placed"] == [4]
+def test_lines_that_change_in_python_are_drawn(drawing_page: OnDrawing) -> None:
+    drawing_page.drawing.set_lines(3, 3)
+    drawing_page.wait("document.querySelectorAll('.dnb-grid-drawing .dnb-cv-node').length === 9")
+    drawing_page.drag(4, 5, 5)
+    assert drawing_page.drawing.shown["placed"] == [4]

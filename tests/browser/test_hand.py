@@ -54,8 +54,8 @@ def select(page: EditorOnPage, *ids: int) -> None:
 # ---- turning --------------------------------------------------------------------------------------------------------
 
 
-def test_several_points_turn_about_their_middle(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_several_points_turn_about_their_middle(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     select(page, 1, 2, 4)
     about = points.target[[1, 2, 4]].mean(axis=0)
     turn_by_hand(page, about, 30)
@@ -74,9 +74,9 @@ def test_several_points_turn_about_their_middle(opened: Any, picture: Picture, p
 
 
 def test_shift_turns_in_steps_and_keys_by_two_or_fifteen_degrees(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points))
+    page = open_editor(Editor(picture, points))
     select(page, 1, 2)
     about = points.target[[1, 2]].mean(axis=0)
     turn_by_hand(page, about, 41, "Shift")
@@ -98,8 +98,8 @@ def test_shift_turns_in_steps_and_keys_by_two_or_fifteen_degrees(
     ]
 
 
-def test_alt_scales_by_the_handle(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_alt_scales_by_the_handle(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     select(page, 1, 2)
     about = points.target[[1, 2]].mean(axis=0)
     (x, y), (mx, my) = knob(page), page.to_screen(about)
@@ -115,9 +115,9 @@ def test_alt_scales_by_the_handle(opened: Any, picture: Picture, points: Control
 
 @pytest.mark.parametrize("degrees", [30, -20])
 def test_one_point_gets_a_rim_and_its_neighbourhood_turns(
-    opened: Any, picture: Picture, points: ControlPoints, degrees: float
+    open_editor: Any, picture: Picture, points: ControlPoints, degrees: float
 ) -> None:
-    page = opened(Editor(picture, points))
+    page = open_editor(Editor(picture, points))
     select(page, 4)
     turn_by_hand(page, points.target[4], degrees)
     after = page.points
@@ -146,8 +146,8 @@ def test_one_point_gets_a_rim_and_its_neighbourhood_turns(
     assert page.points.ids == points.ids  # one step each
 
 
-def test_the_rim_goes_with_its_pin(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_the_rim_goes_with_its_pin(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     select(page, 4)
     page.page.keyboard.press("Shift+.")
     rim = page.points
@@ -159,8 +159,8 @@ def test_the_rim_goes_with_its_pin(opened: Any, picture: Picture, points: Contro
     assert page.points.ids == (0, 1, 2, 3)
 
 
-def test_the_menu_turns_too_and_tells_what_it_cannot(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points), size=(600, 600))
+def test_the_menu_turns_too_and_tells_what_it_cannot(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points), size=(600, 600))
     page.page.locator("[data-command=more]").click()
     menu = page.page.get_by_role("menu")
     assert menu.is_visible()
@@ -187,9 +187,9 @@ def test_the_menu_turns_too_and_tells_what_it_cannot(opened: Any, picture: Pictu
 
 @pytest.mark.parametrize("height", [120, 560])
 def test_a_flat_picture_does_not_cut_the_menu_off(
-    opened: Any, picture: Picture, points: ControlPoints, height: int
+    open_editor: Any, picture: Picture, points: ControlPoints, height: int
 ) -> None:
-    page = opened(Editor(picture, points, height=height), size=(545, 700))
+    page = open_editor(Editor(picture, points, height=height), size=(545, 700))
     page.js("{ document.body.style.height = '3000px'; document.getElementById('root').style.overflow = 'hidden'; }")
     page.page.locator("[data-command=more]").click()
     reached = page.js("""[...document.querySelectorAll(".dnb-ed-item")].map((item) => {
@@ -209,11 +209,11 @@ def test_a_flat_picture_does_not_cut_the_menu_off(
 # ---- locks ----------------------------------------------------------------------------------------------------------
 
 
-def test_a_locked_point_does_not_move_by_any_hand(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_a_locked_point_does_not_move_by_any_hand(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     points = points.move(4, [80, 30])
     editor, kinds = Editor(picture, points), []
     editor.on_edit(lambda edit: kinds.append(edit.kind), details=True)
-    page = opened(editor)
+    page = open_editor(editor)
     select(page, 4)
     page.page.keyboard.press("l")
     assert page.points.locked.tolist() == [False] * 4 + [True]
@@ -243,9 +243,9 @@ def test_a_locked_point_does_not_move_by_any_hand(opened: Any, picture: Picture,
     assert page.points.target[4, 0] > 83
 
 
-def test_locks_and_radii_come_through_an_edit(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_locks_and_radii_come_through_an_edit(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     points = points.edit(0, locked=True).edit(2, radius=90.0)
-    page = opened(Editor(picture, points))
+    page = open_editor(Editor(picture, points))
     page.drag(points.target[4], (20, 5))
     after = page.points
     assert after.locked.tolist() == [True, False, False, False, False]
@@ -265,8 +265,8 @@ def nodes(page: EditorOnPage, picture: Picture) -> NDArray[np.float64]:
     return np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
 
 
-def test_targets_snap_to_the_nodes_of_the_drawn_grid(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+def test_targets_snap_to_the_nodes_of_the_drawn_grid(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("Shift+N")
     page.wait("models.editor.get('snap') > 0")
@@ -299,9 +299,9 @@ def test_targets_snap_to_the_nodes_of_the_drawn_grid(opened: Any, picture: Pictu
     assert steps == pytest.approx(np.round(steps), abs=1e-9)
 
 
-def test_points_stop_before_the_picture_folds(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_points_stop_before_the_picture_folds(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points, stop_at_folds=True)
-    page = opened(editor)
+    page = open_editor(editor)
     far = np.array(page.to_screen([70, 25]))
     page.drag([70, 25], (330, 60), steps=12)
     stopped = page.points.target[4]
@@ -322,9 +322,9 @@ def test_points_stop_before_the_picture_folds(opened: Any, picture: Picture, poi
 
 @pytest.mark.parametrize("stops", [False, True])
 def test_a_drop_keeps_the_fit_of_the_last_move(
-    opened: Any, picture: Picture, points: ControlPoints, stops: bool
+    open_editor: Any, picture: Picture, points: ControlPoints, stops: bool
 ) -> None:
-    page = opened(Editor(picture, points, stop_at_folds=stops))
+    page = open_editor(Editor(picture, points, stop_at_folds=stops))
     at = page.to_screen(points.target[4])
     page.page.mouse.move(*at)
     page.page.mouse.down()
@@ -336,17 +336,17 @@ def test_a_drop_keeps_the_fit_of_the_last_move(
     assert page.js(f"window.moved === {PAGE}.map.layered")
 
 
-def test_folds_in_air_stop_no_drag(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(picture, points, stop_at_folds=True, air=float(picture.values.max())))  # nothing but air
+def test_folds_in_air_stop_no_drag(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points, stop_at_folds=True, air=float(picture.values.max())))  # nothing but air
     page.drag([70, 25], (330, 60), steps=12)
     assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
     assert page.js(f"{PAGE}.map.folds.air") > 0
     assert np.array(page.to_screen(page.points.target[4])) - page.to_screen([70, 25]) == pytest.approx([330, 60], abs=1)
 
 
-def test_what_is_folded_already_can_be_moved_back(opened: Any, picture: Picture, points: ControlPoints) -> None:
+def test_what_is_folded_already_can_be_moved_back(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points.move(4, [125, 40]), stop_at_folds=True)
-    page = opened(editor)
+    page = open_editor(editor)
     assert page.js(f"{PAGE}.map.folds.least") < 0
     k = page.js(f"{PAGE}.viewport.view.k")
     page.drag([125, 40], (-45 * k, -10 * k), steps=6)

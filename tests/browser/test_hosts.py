@@ -162,7 +162,9 @@ def shift_by_the_core(x: float, y: float) -> NDArray[np.float64]:
     ids=lambda host: host.__name__,
     params=[Lab, pytest.param(Notebook, marks=pytest.mark.nightly), pytest.param(Voila, marks=pytest.mark.nightly)],
 )
-def opened(request: pytest.FixtureRequest, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
+def shared_page(
+    request: pytest.FixtureRequest, browser: Any, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Shown]:
     host: type[Host] = request.param
     if host is Lab:
         page = Shown(request.getfixturevalue("lab"), browser)
@@ -177,102 +179,110 @@ def opened(request: pytest.FixtureRequest, browser: Any, tmp_path_factory: pytes
 
 
 @pytest.fixture
-def shown(opened: Shown) -> Iterator[Shown]:
+def studio_page(shared_page: Shown) -> Iterator[Shown]:
     """The one page of the host, as its cells have made it."""
-    yield opened
-    opened.restore()
+    yield shared_page
+    shared_page.restore()
 
 
-def test_a_drag_moves_picture_and_volume_alike(shown: Shown) -> None:
-    picture, volume = shown.middles()
-    k, edits = shown.scale, shown.read()["edits"]
-    shown.drag(4, (52, -34))
-    state = shown.read(lambda state: state["edits"] == edits + 1)
+def test_a_drag_moves_picture_and_volume_alike(studio_page: Shown) -> None:
+    picture, volume = studio_page.middles()
+    k, edits = studio_page.scale, studio_page.read()["edits"]
+    studio_page.drag(4, (52, -34))
+    state = studio_page.read(lambda state: state["edits"] == edits + 1)
     assert state["targets"][4] == pytest.approx([29.5 + 52 / k, 29.5 - 34 / k], abs=0.02)
-    picture_after, volume_after = shown.middles()
+    picture_after, volume_after = studio_page.middles()
     assert picture_after - picture == pytest.approx(k * shift_by_the_core(52 / k, -34 / k), abs=3)
     moved = volume_after - volume  # in the view's own scale, but the same way
     assert moved[0] > 20
     assert moved[0] / moved[1] == pytest.approx(-52 / 34, rel=0.15)
-    shown.drag(4, (-52, 34))
-    assert shown.read(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx([29.5, 29.5], abs=0.02)
-    for before, after in zip((picture, volume), shown.middles(), strict=True):
+    studio_page.drag(4, (-52, 34))
+    assert studio_page.read(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx(
+        [29.5, 29.5], abs=0.02
+    )
+    for before, after in zip((picture, volume), studio_page.middles(), strict=True):
         assert after == pytest.approx(before, abs=2)
 
 
-def _skip_twin(shown: Shown) -> None:
-    if isinstance(shown.host, Notebook):
+def _skip_twin(studio_page: Shown) -> None:
+    if isinstance(studio_page.host, Notebook):
         pytest.skip("Notebook 7 is made of the same parts as JupyterLab")
 
 
-def test_rapid_drags_end_in_the_last(shown: Shown) -> None:
-    _skip_twin(shown)
-    picture, volume = shown.middles()
-    k, edits = shown.scale, shown.read()["edits"]
+def test_rapid_drags_end_in_the_last(studio_page: Shown) -> None:
+    _skip_twin(studio_page)
+    picture, volume = studio_page.middles()
+    k, edits = studio_page.scale, studio_page.read()["edits"]
     for by in ((30, 0), (0, 30), (-60, 0), (0, -60), (40, 40)):  # in all 10 to the right and 10 down
-        shown.drag(4, by, steps=2)
-    state = shown.read(lambda state: state["edits"] == edits + 5)
+        studio_page.drag(4, by, steps=2)
+    state = studio_page.read(lambda state: state["edits"] == edits + 5)
     assert state["edits"] == edits + 5
     assert state["targets"][4] == pytest.approx([29.5 + 10 / k, 29.5 + 10 / k], abs=0.05)
-    picture_after, volume_after = shown.middles()
+    picture_after, volume_after = studio_page.middles()
     assert picture_after - picture == pytest.approx(k * shift_by_the_core(10 / k, 10 / k), abs=3)
     assert (volume_after - volume > 3).all()
 
 
-def test_undo_and_redo_by_keys(shown: Shown) -> None:
-    picture, volume = shown.middles()
-    edits = shown.read()["edits"]
-    shown.drag(4, (40, 20))
-    dragged = shown.read(lambda state: state["edits"] == edits + 1)["targets"][4]
-    shown.page.keyboard.press("Control+z")
-    assert shown.read(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx([29.5, 29.5], abs=0.05)
-    for before, after in zip((picture, volume), shown.middles(), strict=True):
+def test_undo_and_redo_by_keys(studio_page: Shown) -> None:
+    picture, volume = studio_page.middles()
+    edits = studio_page.read()["edits"]
+    studio_page.drag(4, (40, 20))
+    dragged = studio_page.read(lambda state: state["edits"] == edits + 1)["targets"][4]
+    studio_page.page.keyboard.press("Control+z")
+    assert studio_page.read(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx(
+        [29.5, 29.5], abs=0.05
+    )
+    for before, after in zip((picture, volume), studio_page.middles(), strict=True):
         assert after == pytest.approx(before, abs=2)
-    shown.page.keyboard.press("Control+Shift+z")
-    assert shown.read(lambda state: state["edits"] == edits + 3)["targets"][4] == dragged
-    shown.page.keyboard.press("Control+z")
-    shown.read(lambda state: state["edits"] == edits + 4)
+    studio_page.page.keyboard.press("Control+Shift+z")
+    assert studio_page.read(lambda state: state["edits"] == edits + 3)["targets"][4] == dragged
+    studio_page.page.keyboard.press("Control+z")
+    studio_page.read(lambda state: state["edits"] == edits + 4)
 
 
-def test_the_exception_of_a_callback_is_seen(shown: Shown) -> None:
-    edits = shown.read()["edits"]
-    shown.drag(0, (20, 20))
-    shown.page.wait_for_function("document.querySelector('.dnb-studio').innerText.includes('no such corner')")
-    assert shown.read(lambda state: state["edits"] == edits + 1)["edits"] == edits + 1
-    shown.drag(0, (-20, -20))  # and the conversation goes on
-    assert shown.read(lambda state: state["edits"] == edits + 2)["targets"][0] == pytest.approx([2, 2], abs=0.05)
+def test_the_exception_of_a_callback_is_seen(studio_page: Shown) -> None:
+    edits = studio_page.read()["edits"]
+    studio_page.drag(0, (20, 20))
+    studio_page.page.wait_for_function("document.querySelector('.dnb-studio').innerText.includes('no such corner')")
+    assert studio_page.read(lambda state: state["edits"] == edits + 1)["edits"] == edits + 1
+    studio_page.drag(0, (-20, -20))  # and the conversation goes on
+    assert studio_page.read(lambda state: state["edits"] == edits + 2)["targets"][0] == pytest.approx([2, 2], abs=0.05)
 
 
 @pytest.mark.sampled(3)
-def test_the_page_can_be_loaded_again(shown: Shown) -> None:
-    _skip_twin(shown)
-    edits = shown.read()["edits"]
-    shown.drag(4, (52, 0))
-    target = shown.read(lambda state: state["edits"] == edits + 1)["targets"][4]
-    assert target == pytest.approx([29.5 + 52 / shown.scale, 29.5], abs=0.05)
-    picture, volume = shown.middles()
-    shown.host.save(shown.page)
-    shown.page.reload(timeout=60_000)
-    if isinstance(shown.host, Voila):  # a new kernel
-        shown.ready()
-        assert shown.read()["targets"][4] == [29.5, 29.5]
+def test_the_page_can_be_loaded_again(studio_page: Shown) -> None:
+    _skip_twin(studio_page)
+    edits = studio_page.read()["edits"]
+    studio_page.drag(4, (52, 0))
+    target = studio_page.read(lambda state: state["edits"] == edits + 1)["targets"][4]
+    assert target == pytest.approx([29.5 + 52 / studio_page.scale, 29.5], abs=0.05)
+    picture, volume = studio_page.middles()
+    studio_page.host.save(studio_page.page)
+    studio_page.page.reload(timeout=60_000)
+    if isinstance(studio_page.host, Voila):  # a new kernel
+        studio_page.ready()
+        assert studio_page.read()["targets"][4] == [29.5, 29.5]
         return
-    shown.host.wait_until_open(shown.page)
-    shown.ready()
-    assert shown.read()["targets"][4] == target
-    for before, after in zip((picture, volume), shown.middles(), strict=True):
+    studio_page.host.wait_until_open(studio_page.page)
+    studio_page.ready()
+    assert studio_page.read()["targets"][4] == target
+    for before, after in zip((picture, volume), studio_page.middles(), strict=True):
         assert after == pytest.approx(before, abs=2)
-    shown.drag(4, (-52, 0))
-    assert shown.read(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx([29.5, 29.5], abs=0.05)
+    studio_page.drag(4, (-52, 0))
+    assert studio_page.read(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx(
+        [29.5, 29.5], abs=0.05
+    )
 
 
-def test_a_view_is_as_dark_as_its_page(shown: Shown) -> None:
-    for dark in (True,) if isinstance(shown.host, Voila) else (True, False):
-        if not isinstance(shown.host, Voila):  # that one was started in the dark
-            shown.host.dark(shown.page, dark)
+def test_a_view_is_as_dark_as_its_page(studio_page: Shown) -> None:
+    for dark in (True,) if isinstance(studio_page.host, Voila) else (True, False):
+        if not isinstance(studio_page.host, Voila):  # that one was started in the dark
+            studio_page.host.dark(studio_page.page, dark)
         shade = "dark" if dark else "light"
-        shown.page.wait_for_function(f"document.querySelector('.plain .dnb-view').dataset.background === '{shade}'")
-        paper = shown.page.locator(".dnb-studio").evaluate("(e) => getComputedStyle(e).backgroundColor")
+        studio_page.page.wait_for_function(
+            f"document.querySelector('.plain .dnb-view').dataset.background === '{shade}'"
+        )
+        paper = studio_page.page.locator(".dnb-studio").evaluate("(e) => getComputedStyle(e).backgroundColor")
         assert (np.mean([int(part) for part in re.findall(r"\d+", paper)[:3]]) < 110) == dark
 
 
@@ -302,16 +312,16 @@ AGAIN = """async () => {
 
 
 @pytest.mark.nightly
-def test_twenty_runs_of_the_cell_keep_nothing(shown: Shown) -> None:
-    if not isinstance(shown.host, Lab):
+def test_twenty_runs_of_the_cell_keep_nothing(studio_page: Shown) -> None:
+    if not isinstance(studio_page.host, Lab):
         pytest.skip("Notebook 7 is made of the same parts as JupyterLab, and Voila runs a cell once")
     found = []
     for run in range(23):
-        shown.page.evaluate(AGAIN)
+        studio_page.page.evaluate(AGAIN)
         if run in (2, 22):  # what is made once for all is there by the third
-            shown.ready()
-            printed = shown.host.run(shown.page, KEPT)  # IPython says first how much it has thrown away
-            found.append((json.loads(printed.splitlines()[-1]), shown.page.evaluate(SEEN)))
+            studio_page.ready()
+            printed = studio_page.host.run(studio_page.page, KEPT)  # IPython says first how much it has thrown away
+            found.append((json.loads(printed.splitlines()[-1]), studio_page.page.evaluate(SEEN)))
     (kept_first, seen_first), (kept, seen) = found
     assert seen == seen_first
     assert kept.pop("threads") <= kept_first.pop("threads")  # one may have been made for the first run only

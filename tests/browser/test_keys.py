@@ -18,7 +18,7 @@ from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
 
 
-def heard(name: str) -> set[str]:
+def script_keys(name: str) -> set[str]:
     """Keys that a script compares with: every quoted text beside a `key`, and the names of its tables of keys."""
     text = re.sub(r"//.*", "", (SOURCES / name).read_text(encoding="utf-8"))
     found = set(re.findall(r"\bkey === \"([^\"]+)\"", text))
@@ -27,7 +27,7 @@ def heard(name: str) -> set[str]:
     return found
 
 
-def told(table: str) -> set[str]:
+def table_keys(table: str) -> set[str]:
     main = f"() => keyRows({table}).flatMap(([, , about]) => about?.keys ?? [])"
     keys = set(run_script(("ui/keys.ts",), main, None))
     return {part.split("+")[-1] or "+" for part in keys}
@@ -42,10 +42,10 @@ def told(table: str) -> set[str]:
     ],
 )
 def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -> None:
-    keys = set().union(*(heard(name) for name in scripts))
+    keys = set().union(*(script_keys(name) for name in scripts))
     assert len(keys) >= 4  # others are taken from the table
     # The same keys with Shift held, on one keyboard or another.
-    assert keys - told(table) <= {"<", ">", ";", ":"}
+    assert keys - table_keys(table) <= {"<", ">", ";", ":"}
 
 
 @pytest.mark.parametrize("table", ["EDITOR_KEYS", "SPACE_EDITOR_KEYS"])
@@ -63,9 +63,9 @@ def test_no_key_has_two_meanings_and_every_command_is_run(table: str) -> None:
 
 @pytest.mark.needs_browser
 def test_the_list_is_a_dialog_that_escape_closes_and_the_focus_returns(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points))
+    page = open_editor(Editor(picture, points))
     page.page.locator("[data-id='2']").focus()
     page.page.keyboard.press("?")
     dialog = page.page.get_by_role("dialog", name="Keys and gestures")
@@ -94,9 +94,9 @@ def test_the_list_is_a_dialog_that_escape_closes_and_the_focus_returns(
 
 @pytest.mark.needs_browser
 def test_tips_tell_the_keys_and_the_keys_do_what_the_tips_tell(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = opened(Editor(picture, points, wand={"region": None}))
+    page = open_editor(Editor(picture, points, wand={"region": None}))
     tips = dict(
         page.js(
             "[...document.querySelectorAll('.dnb-editor [data-command]')].map((b) => "

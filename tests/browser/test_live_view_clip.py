@@ -77,7 +77,7 @@ def shared(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
 
 
 @pytest.fixture
-def opened(shared: tuple[LivePage, LiveView]) -> Iterator[tuple[LivePage, LiveView]]:
+def clip_page(shared: tuple[LivePage, LiveView]) -> Iterator[tuple[LivePage, LiveView]]:
     page, view = shared
     deform(page, view, None)
     view.projection, view.shows, view.clip = "shaded", "deformed", WHOLE
@@ -89,8 +89,8 @@ def opened(shared: tuple[LivePage, LiveView]) -> Iterator[tuple[LivePage, LiveVi
 @pytest.mark.sampled(6)
 @pytest.mark.parametrize(("pair", "axis"), HALVES)
 @pytest.mark.parametrize("deformed", [False, True], ids=["as it is", "deformed"])
-def test_a_half_is_the_cores_half(opened: Any, pair: tuple[float, float], axis: int, deformed: bool) -> None:
-    page, view = opened
+def test_a_half_is_the_cores_half(clip_page: Any, pair: tuple[float, float], axis: int, deformed: bool) -> None:
+    page, view = clip_page
     deform(page, view, bent() if deformed else None)
     view.clip = cut(axis, pair)
     live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
@@ -100,8 +100,8 @@ def test_a_half_is_the_cores_half(opened: Any, pair: tuple[float, float], axis: 
     assert dice(silhouette(page.pixels()), still) < 0.93
 
 
-def test_only_rays_through_the_cut_change(opened: Any) -> None:
-    page, view = opened
+def test_only_rays_through_the_cut_change(clip_page: Any) -> None:
+    page, view = clip_page
     whole = page.pixels().astype(int)
     view.clip = cut(2, (0.0, 0.8))  # away with the top, seen from below and beside
     live = page.pixels().astype(int)
@@ -116,8 +116,8 @@ def test_only_rays_through_the_cut_change(opened: Any) -> None:
 
 
 @pytest.mark.parametrize("deformed", [False, True], ids=["as it is", "deformed"])
-def test_a_cut_face_is_lit_evenly_and_brighter_than_the_inside(opened: Any, deformed: bool) -> None:
-    page, view = opened
+def test_a_cut_face_is_lit_evenly_and_brighter_than_the_inside(clip_page: Any, deformed: bool) -> None:
+    page, view = clip_page
     deform(page, view, bent() if deformed else None)
     along = np.asarray(GRID.direction).T @ np.asarray(OBLIQUE)
     axis = int(np.abs(along).argmax())
@@ -130,8 +130,8 @@ def test_a_cut_face_is_lit_evenly_and_brighter_than_the_inside(opened: Any, defo
     assert abs(still[75, 100] - middle.mean()) < 60
 
 
-def test_a_maximum_is_that_of_what_is_left(opened: Any) -> None:
-    page, view = opened
+def test_a_maximum_is_that_of_what_is_left(clip_page: Any) -> None:
+    page, view = clip_page
     view.projection = "mip"
     deform(page, view, bent())
     view.clip = cut(0, (0.3, 0.7))
@@ -141,8 +141,8 @@ def test_a_maximum_is_that_of_what_is_left(opened: Any) -> None:
     assert np.abs(live - still)[inside].mean() < 6
 
 
-def test_original_and_deformed_are_cut_at_the_same_place(opened: Any) -> None:
-    page, view = opened
+def test_original_and_deformed_are_cut_at_the_same_place(clip_page: Any) -> None:
+    page, view = clip_page
     deform(page, view, bent())
     view.shows = "side_by_side"
     view.clip = cut(1, (0.0, 0.5))
@@ -153,8 +153,8 @@ def test_original_and_deformed_are_cut_at_the_same_place(opened: Any) -> None:
 
 
 @pytest.mark.nightly
-def test_a_perspective_is_the_same_in_a_still(opened: Any) -> None:
-    page, view = opened
+def test_a_perspective_is_the_same_in_a_still(clip_page: Any) -> None:
+    page, view = clip_page
     parallel = silhouette(page.pixels())
     view.set_camera(OBLIQUE, perspective=True)
     for clip in (WHOLE, cut(1, (0.4, 1.0))):
@@ -165,8 +165,8 @@ def test_a_perspective_is_the_same_in_a_still(opened: Any) -> None:
             assert dice(live, parallel) < 0.95
 
 
-def test_a_point_is_put_on_what_is_seen(opened: Any) -> None:
-    page, view = opened
+def test_a_point_is_put_on_what_is_seen(clip_page: Any) -> None:
+    page, view = clip_page
     view.set_camera((0, 1, 0))
     page.pixels()
     place = """(() => { const page = document.querySelector('.dnb-view').deformnb, { values, info, caster } = page;

@@ -68,7 +68,7 @@ def slit(gap: float) -> Step:
     )
 
 
-def opened(page: LivePage, **options: Any) -> LiveView:
+def open_view(page: LivePage, **options: Any) -> LiveView:
     view = LiveView(
         bar(),
         **{"transfer": WHITE, "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000, "background": "dark", **options},
@@ -82,12 +82,12 @@ def opened(page: LivePage, **options: Any) -> LiveView:
 def drawn(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
     """One page and one view for all cases that only look at what is shown: its shaders are compiled once."""
     page = LivePage(browser)
-    view = opened(page)
+    view = open_view(page)
     yield page, view
     page.close()
 
 
-def shown(page: LivePage, view: LiveView, deformation: Deformation | None, **options: Any) -> None:
+def show(page: LivePage, view: LiveView, deformation: Deformation | None, **options: Any) -> None:
     """Shows it, and waits until the page has it."""
     view.show_deformation(deformation, **options)
     page.wait_answered()
@@ -126,7 +126,7 @@ def test_a_cut_is_as_open_as_in_the_core(drawn: tuple[LivePage, LiveView], name:
     page, view = drawn
     view.projection, view.show_folds = "shaded", True
     view.set_transfer(WHITE)
-    shown(page, view, Deformation((CASES[name],)), output=FINE)
+    show(page, view, Deformation((CASES[name],)), output=FINE)
     for direction in ((0.0, 1.0, 0.0), (-0.6, 0.7, 0.4)):
         view.set_camera(direction)
         live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
@@ -159,7 +159,7 @@ def test_an_earlier_cut_and_one_in_space_are_as_sharp(drawn: tuple[LivePage, Liv
     view.projection = "shaded"
     view.set_transfer(WHITE)
     view.show_folds = False  # the bend takes a triangle to a line: its determinant is 0 but for rounding
-    shown(page, view, early()[name], output=FINE)
+    show(page, view, early()[name], output=FINE)
     for direction in ((0.0, 1.0, 0.0), (-0.6, 0.7, 0.4)):
         view.set_camera(direction)
         live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
@@ -170,7 +170,7 @@ def test_an_earlier_cut_and_one_in_space_are_as_sharp(drawn: tuple[LivePage, Liv
 
 @pytest.mark.nightly
 def test_an_earlier_cut_that_is_closed_is_not_seen(page: LivePage) -> None:
-    view = opened(page, transfer="surface", show_folds=False)  # see above
+    view = open_view(page, transfer="surface", show_folds=False)  # see above
     bend = early()["before a bend"].steps[1]
     view.set_camera((-0.6, 0.7, 0.4))
     view.show_deformation(Deformation((bend,)))
@@ -187,7 +187,7 @@ def test_an_earlier_cut_that_is_closed_is_not_seen(page: LivePage) -> None:
 
 
 def test_the_gap_has_the_width_that_the_points_say(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.set_camera(PLANE.normal, [-c for c in PLANE.v])
     view.show_deformation(pulled_document(0.0))
     closed = _gap(page)
@@ -225,13 +225,13 @@ def test_a_closed_cut_is_not_seen(drawn: tuple[LivePage, LiveView], projection: 
     view.projection, view.show_folds = projection, True
     view.set_transfer("surface")
     view.set_camera((-0.6, 0.7, 0.4))
-    shown(page, view, None)
+    show(page, view, None)
     plain = page.pixels().astype(int)
-    shown(page, view, pulled_document(0.0, rule))
+    show(page, view, pulled_document(0.0, rule))
     page.wait(f"{VIEW}.field.planar?.cut")
     assert np.abs(page.pixels().astype(int) - plain).max() <= 1
     still = replace(pulled(0.0, rule), maps=(ControlPoints.from_arrays([[0.0, 0.0]]),))
-    shown(page, view, Deformation((still,)))  # one of the sides has no points
+    show(page, view, Deformation((still,)))  # one of the sides has no points
     assert np.abs(page.pixels().astype(int) - plain).max() <= 1
     assert page.errors == []
 
@@ -249,7 +249,7 @@ def test_skipping_what_is_empty_changes_nothing_beside_a_cut(
     page, view = drawn
     view.projection, view.show_folds = projection, True
     view.set_transfer(WHITE)
-    shown(page, view, Deformation((CASES[name],)))
+    show(page, view, Deformation((CASES[name],)))
     view.set_camera((-0.6, 0.7, 0.4))
     fast = page.pixels().astype(int)
     page.page.evaluate(f"() => {{ {VIEW}.caster.cells.skips = false; }}")
@@ -281,7 +281,7 @@ def test_a_drag_beside_a_cut_moves_the_volume_without_a_byte(page: LivePage) -> 
     editor = Editor(
         project(bar(), PLANE), step.points, cuts=list(step.cuts), parts=list(step.parts), trend="translation"
     )
-    view = opened(page)
+    view = open_view(page)
     page.add(editor, "editor")
     view.set_camera(PLANE.normal, [-c for c in PLANE.v])
     view.follow(editor, Deformation((step,)).field(GRID))

@@ -45,7 +45,7 @@ def pulled(by: float) -> ControlPoints:
 FAR, SHORT = 0.45, 0.08
 
 
-def opened(page: LivePage, **options: Any) -> LiveView:
+def open_view(page: LivePage, **options: Any) -> LiveView:
     view = LiveView(
         slab(),
         **{
@@ -79,7 +79,7 @@ def places(page: LivePage) -> NDArray[np.float64]:
     return PLANE.to_plane(frame + np.asarray(GRID.origin))[..., :2]
 
 
-def on_matter(page: LivePage) -> NDArray[np.bool_]:
+def tissue_mask(page: LivePage) -> NDArray[np.bool_]:
     at, corners = places(page), PLANE.to_plane(GRID.corners())[:, :2]
     low, high = corners.min(axis=0) + 3, corners.max(axis=0) - 3
     return np.asarray(((at > low) & (at < high)).all(axis=-1))
@@ -93,10 +93,10 @@ def expected(page: LivePage, deformation: Deformation) -> NDArray[np.float64]:
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("projection", ["composite", "shaded", "mip"])
 def test_what_folds_is_red_at_its_place(page: LivePage, projection: str) -> None:
-    view = opened(page, projection=projection)
+    view = open_view(page, projection=projection)
     deformation = Deformation.from_picture_points(GRID, PLANE, pulled(FAR))
     view.show_deformation(deformation)
-    painted, seen, det = red(page), on_matter(page), expected(page, deformation)
+    painted, seen, det = red(page), tissue_mask(page), expected(page, deformation)
     assert (det <= 0)[seen].sum() > 500
     sure = seen & (np.abs(det) > 0.08)
     assert (painted == (det <= 0))[sure].mean() > 0.985
@@ -105,18 +105,18 @@ def test_what_folds_is_red_at_its_place(page: LivePage, projection: str) -> None
 
 
 def test_what_does_not_fold_has_no_red_and_no_cost(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     deformation = Deformation.from_picture_points(GRID, PLANE, pulled(SHORT))
     view.show_deformation(deformation)
     assert not red(page).any()
-    assert expected(page, deformation)[on_matter(page)].min() > 0
+    assert expected(page, deformation)[tissue_mask(page)].min() > 0
     programs = page.page.evaluate("() => Object.keys(document.querySelector('.dnb-view').deformnb.caster.gpu.programs)")
     assert not any("FOLDS" in name for name in programs)
     assert page.page.locator(".dnb-badge").inner_text() == ""
 
 
 def test_the_trait_switches_it_off_and_on(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.show_deformation(Deformation.from_picture_points(GRID, PLANE, pulled(FAR)))
     count = red(page).sum()
     assert count > 500
@@ -127,7 +127,7 @@ def test_the_trait_switches_it_off_and_on(page: LivePage) -> None:
 
 
 def test_the_original_has_no_folds(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.show_deformation(Deformation.from_picture_points(GRID, PLANE, pulled(FAR)))
     assert red(page).any()
     view.shows = "original"
@@ -135,7 +135,7 @@ def test_the_original_has_no_folds(page: LivePage) -> None:
 
 
 def test_only_the_depths_where_the_weight_folds_are_red(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     # The weight grows with the depth: at the side of the plane there is none, and at the other all of it.
     view.show_deformation(Deformation.from_picture_points(GRID, PLANE, pulled(FAR), extrusion="modulate", curve="z"))
     near = red(page)
@@ -151,7 +151,7 @@ def test_only_the_depths_where_the_weight_folds_are_red(page: LivePage) -> None:
 
 @pytest.mark.nightly
 def test_a_fold_in_space_is_red_too(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     corners = GRID.corners()
     low, high = corners.min(axis=0), corners.max(axis=0)
     middle = (low + high) / 2
@@ -167,13 +167,13 @@ def test_a_fold_in_space_is_red_too(page: LivePage) -> None:
 
 
 def test_stages_take_the_red_away(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.show_deformation(Deformation((Step((pulled(FAR),), PLANE, stages=16),)))
     assert not red(page).any()
 
 
 def test_an_editor_that_is_dragged_makes_the_red_come_and_go(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     editor = Editor(None, pulled(SHORT), raster=None)
     page.add(editor, "editor")
     view.follow(editor, Deformation.from_picture_points(GRID, PLANE, pulled(SHORT)).field(GRID))

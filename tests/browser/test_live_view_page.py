@@ -83,7 +83,7 @@ def dice(a: np.ndarray, b: np.ndarray) -> float:
     return 2 * float((a & b).sum()) / float(a.sum() + b.sum())
 
 
-def opened(page: LivePage, volume: Volume | None = None, **options: Any) -> LiveView:
+def open_view(page: LivePage, volume: Volume | None = None, **options: Any) -> LiveView:
     options = {
         "transfer": "surface",
         "width": SIZE[0],
@@ -100,7 +100,7 @@ def opened(page: LivePage, volume: Volume | None = None, **options: Any) -> Live
 
 @pytest.mark.nightly
 def test_all_six_views_show_the_right_side_up(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     for name in VIEWS:
         plane = Plane.from_view(GRID, name)
         view.set_camera(plane.normal, [-c for c in plane.v])
@@ -158,7 +158,7 @@ def test_pictures_are_like_those_of_vtks_own_renderer(page: LivePage) -> None:
 @pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", list(fields()))
 def test_the_card_deforms_as_the_core_does(page: LivePage, name: str) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.show_deformation(fields()[name], output=FINE)
     for direction in SIDES:
         view.set_camera(direction)
@@ -172,12 +172,12 @@ def test_the_card_deforms_as_the_core_does(page: LivePage, name: str) -> None:
 
 
 def test_a_field_of_view_shows_what_has_moved_out_of_the_box(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     plane = Plane.from_view(GRID, "+y")
     away = ControlPoints.from_arrays([[20.0, 20.0]], [[45.0, 20.0]])
     moved = Deformation.from_picture_points(GRID, plane, away, trend="translation")
     corners = GRID.corners()
-    larger = GRID.covering(np.concatenate([corners, corners + 25 * np.asarray(plane.u)]))
+    larger = GRID.cover(np.concatenate([corners, corners + 25 * np.asarray(plane.u)]))
     view.set_camera((0, 1, 0))
     view.show_deformation(moved, output=larger)
     assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.965
@@ -187,7 +187,7 @@ def test_a_field_of_view_shows_what_has_moved_out_of_the_box(page: LivePage) -> 
 @pytest.mark.parametrize("name", ["none", "modulate", "two planes"])
 @pytest.mark.parametrize("projection", ["shaded", "mip"])
 def test_skipping_what_is_empty_changes_no_pixel(page: LivePage, name: str, projection: str) -> None:
-    view = opened(page, projection=projection)
+    view = open_view(page, projection=projection)
     view.show_deformation(fields()[name])
     view.set_camera((-0.6, 0.7, 0.4))
     fast = page.pixels().astype(int)
@@ -213,7 +213,7 @@ def quick(page: LivePage) -> np.ndarray:
 
 
 def test_pointer_wheel_keys_and_buttons_move_the_camera(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.set_camera((0, 1, 0))
     page.flush()
     mouse, keyboard = page.page.mouse, page.page.keyboard
@@ -258,7 +258,7 @@ def test_pointer_wheel_keys_and_buttons_move_the_camera(page: LivePage) -> None:
 
 
 def test_a_turn_draws_quickly_and_then_in_full(page: LivePage) -> None:
-    view = opened(page, settle_ms=50)
+    view = open_view(page, settle_ms=50)
     page.wait("document.querySelector('.dnb-view').deformnb.stats")
     before = view.stats()["frames"]
     page.page.focus(".dnb-canvas")
@@ -351,7 +351,7 @@ def test_a_volume_that_the_card_does_not_hold_is_shown_with_fewer_voxels(browser
     volume = shape_without_symmetry(Grid((size, size, size)))
     page = LivePage(browser)
     page.page.evaluate(SCARCE, size**3 // 4)
-    view = opened(page, volume)
+    view = open_view(page, volume)
     assert int(np.prod(view.volume_info["shape"])) == size**3 // 4
     assert page.page.text_content(".dnb-badge") == (
         "shown at 1/2 along x, 1/2 along y, as much as the graphics memory holds"
@@ -384,7 +384,7 @@ def test_a_context_that_is_lost_by_the_volume_comes_back_with_fewer_voxels(brows
           setTimeout(() => { window.loss.restoreContext(); }, 300); }; }""",
         size**3 // 2,
     )
-    view = opened(page, shape_without_symmetry(Grid((size, size, size))))
+    view = open_view(page, shape_without_symmetry(Grid((size, size, size))))
     page.wait(f"models.view.get('volume_info').shape.reduce((a, b) => a * b) === {size**3 // 2}")
     page.wait_loaded()
     view.set_camera((0, 1, 0))
@@ -394,7 +394,7 @@ def test_a_context_that_is_lost_by_the_volume_comes_back_with_fewer_voxels(brows
 
 
 def test_a_lost_context_comes_back_with_the_same_picture(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.show_deformation(fields()["replicate"])
     before = page.pixels().astype(int)
     page.page.evaluate("""() => { const { gl } = document.querySelector(".dnb-view").deformnb.caster.gpu;
@@ -410,7 +410,7 @@ def test_a_lost_context_comes_back_with_the_same_picture(page: LivePage) -> None
 
 @pytest.mark.nightly
 def test_twenty_views_one_after_the_other_leak_no_context(page: LivePage) -> None:
-    opened(page, Volume(np.full((8, 8, 8), 200, np.uint8), Grid((8, 8, 8))))
+    open_view(page, Volume(np.full((8, 8, 8), 200, np.uint8), Grid((8, 8, 8))))
     for _ in range(20):
         page.page.evaluate("() => models.view.cleanups.splice(0).forEach((f) => f())")
         page.draw()
@@ -426,7 +426,7 @@ _EDITOR = """(state) => { makeModel("editor", state); }"""
 def test_an_editor_in_the_page_moves_the_volume_without_a_byte(page: LivePage) -> None:
     plane = Plane.from_view(GRID, "+y")
     still, dragged = drags(GRID, plane, 1, 0.0), drags(GRID, plane, 1, 4.0)
-    view = opened(page)
+    view = open_view(page)
     wanted = Deformation.from_picture_points(GRID, plane, dragged)
     view.show_deformation(wanted)
     view.set_camera((0, 1, 0))
@@ -484,7 +484,7 @@ def _listed(points: ControlPoints) -> list[dict[str, Any]]:
 
 
 def test_what_goes_right_and_down_in_the_editor_does_so_in_space(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     for name in ("+y", "-x", "-z"):
         plane = Plane.from_view(GRID, name)
         still = ControlPoints.from_arrays([[20.0, 20.0]])
@@ -516,7 +516,7 @@ def test_a_narrow_transfer_function_is_seen_without_bands(page: LivePage) -> Non
     values = np.broadcast_to(1000 + 11 * np.arange(24), (24, 24, 24)).astype(np.int16)
     values[:2, -2:] = 0
     values[:2, :2] = 4000
-    view = opened(page, Volume(values, Grid((24, 24, 24))), projection="composite")
+    view = open_view(page, Volume(values, Grid((24, 24, 24))), projection="composite")
     view.set_camera((0, 1, 0))
     view.rest = 3600.0  # pages of tests hear of traits from their own thread only
     view.set_transfer(TransferFunction(((1000, 0.1, 0.1, 0.1), (1250, 1, 1, 1)), ((900, 0), (1000, 0.95))))

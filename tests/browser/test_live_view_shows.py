@@ -50,7 +50,7 @@ def extrusion(by: float) -> Any:
     return Deformation.from_picture_points(GRID, PLANE, moved(by), trend="translation").field(GRID)
 
 
-def opened(page: LivePage, **options: Any) -> LiveView:
+def open_view(page: LivePage, **options: Any) -> LiveView:
     options = {"transfer": "surface", "width": 240, "height": 180, "settle_ms": 60000, "background": "dark", **options}
     view = LiveView(block(), **options)
     view.set_camera((0, 1, 0))
@@ -92,7 +92,7 @@ IN_QUARTERS = """() => {
 
 
 def test_side_by_side_are_the_pictures_of_both(page: LivePage) -> None:
-    view = opened(page, shows="side_by_side")
+    view = open_view(page, shows="side_by_side")
     view.show_deformation(extrusion(5.0))
     view.set_camera((0.3, 1, -0.2))
     both = page.pixels().astype(int)
@@ -115,7 +115,7 @@ def test_side_by_side_are_the_pictures_of_both(page: LivePage) -> None:
 
 @pytest.mark.parametrize("x", [60, 190])
 def test_the_mouse_turns_both_in_either_half(page: LivePage, x: int) -> None:
-    view = opened(page, shows="side_by_side")
+    view = open_view(page, shows="side_by_side")
     mouse = page.page.mouse
     mouse.move(x, 90)
     mouse.down()
@@ -130,7 +130,7 @@ def test_the_mouse_turns_both_in_either_half(page: LivePage, x: int) -> None:
 
 
 def test_the_zoom_stays_when_something_else_is_shown(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.set_camera(zoom=2.0)
     for shows in (*SHOWS, "deformed"):
         view.shows = shows
@@ -150,7 +150,7 @@ CHANGES = """(window.turned ??= (() => { const seen = { count: 0 };
 
 
 def test_a_line_and_an_opacity_lead_from_the_original_to_the_deformed_volume(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.show_deformation(extrusion(5.0))
     images = {}
     for shows in ("original", "deformed", "wipe"):
@@ -190,7 +190,7 @@ def test_a_line_and_an_opacity_lead_from_the_original_to_the_deformed_volume(pag
 
 
 def test_a_button_saves_the_picture_that_is_seen(page: LivePage) -> None:
-    opened(page)
+    open_view(page)
     seen = page.pixels()
     with page.page.expect_download() as download:
         page.page.get_by_role("button", name="Save a picture").click()
@@ -202,7 +202,7 @@ def test_a_button_saves_the_picture_that_is_seen(page: LivePage) -> None:
 
 @pytest.mark.nightly
 def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.show_deformation(extrusion(5.0))
     view.shows = "flicker"
     page.wait(f"{CHANGES} > 2")  # by itself
@@ -224,7 +224,7 @@ def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> N
 
 def test_flicker_does_not_move_by_itself_where_motion_is_unwelcome(page: LivePage) -> None:
     page.page.emulate_media(reduced_motion="reduce")
-    view = opened(page, shows="flicker")
+    view = open_view(page, shows="flicker")
     view.show_deformation(extrusion(5.0))
     page.flush()
     assert page.page.evaluate(f"{VIEW}.elements.flicker.timer") == 0
@@ -239,7 +239,7 @@ def test_flicker_does_not_move_by_itself_where_motion_is_unwelcome(page: LivePag
 
 
 def test_the_cube_turns_with_the_camera_and_a_face_looks_from_its_side(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     shown = ".dnb-face:visible text"
     assert page.page.locator(shown).all_text_contents() == ["A"]  # looking along +y, from the front
     view.set_camera((-0.5, 0.7, -0.5))  # from the left, the front and above
@@ -262,7 +262,7 @@ def test_the_cube_turns_with_the_camera_and_a_face_looks_from_its_side(page: Liv
 
 
 def test_the_keyboard_reaches_all_six_sides_and_keeps_its_keys(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     names = page.page.eval_on_selector_all(".dnb-bar button", "(all) => all.map((b) => b.getAttribute('aria-label'))")
     assert names == [f"view from {side}" for side in ("the front", "behind", "the left", "the right", "above", "below")]
     page.page.focus(".dnb-canvas")
@@ -280,7 +280,7 @@ def test_the_keyboard_reaches_all_six_sides_and_keeps_its_keys(page: LivePage) -
 
 def test_the_background_follows_the_page(page: LivePage) -> None:
     page.page.emulate_media(color_scheme="light")
-    view = opened(page, background="auto")
+    view = open_view(page, background="auto")
     assert page.pixels()[3, 3].min() > 180
     page.page.emulate_media(color_scheme="dark")
     page.wait(f"{VIEW}.elements.root.dataset.background === 'dark'")
@@ -298,7 +298,7 @@ def test_nothing_is_cut_off_beside_another_widget(browser: Any, width: int) -> N
     page.page.add_style_tag(content="#root { display: flex; } #root > .other { flex: 1 1 40%; min-width: 0; }")
     page.page.evaluate("""() => { const other = document.createElement("div"); other.className = "other";
         document.getElementById("root").append(other); }""")
-    opened(page, width=1000, height=700)
+    open_view(page, width=1000, height=700)
     page.wait(f"{VIEW}.caster.size[0] < 1000")
     box = page.page.locator(".dnb-view").bounding_box()
     assert box["x"] + box["width"] <= width
@@ -315,7 +315,7 @@ LINK = f"{VIEW}.shownField.link"
 
 
 def followed(page: LivePage) -> tuple[LiveView, Editor]:
-    view = opened(page)
+    view = open_view(page)
     editor = Editor(None, moved(0.0), trend="translation")
     page.add(editor, "editor", draw=False)
     view.follow(editor, extrusion(0.0))
@@ -393,7 +393,7 @@ def test_following_again_and_another_volume_keep_the_connection(page: LivePage) 
 
 
 def test_fields_come_no_faster_than_the_page_draws_them(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.fields.pacer.patience = 60.0
     for k in range(12):
         view.show_deformation(extrusion(0.5 * k))

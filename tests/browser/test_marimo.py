@@ -75,7 +75,7 @@ class Marimo(Host):
 
 
 @pytest.fixture
-def shown(browser: Any, tmp_path: Path) -> Iterator[Any]:
+def marimo_page(browser: Any, tmp_path: Path) -> Iterator[Any]:
     with start_host(Marimo, tmp_path) as host:
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         errors: list[str] = []
@@ -106,30 +106,30 @@ def moved(page: Any, part: str, level: int, before: NDArray[np.float64]) -> NDAr
     return now - before
 
 
-def test_a_drag_moves_picture_and_volume_and_python_knows(shown: Any) -> None:
+def test_a_drag_moves_picture_and_volume_and_python_knows(marimo_page: Any) -> None:
     canvas, volume = ".dnb-ed-canvas", ".dnb-view canvas"
     start = [np.array([np.nan, np.nan])] * 2
     for _ in range(60):  # until both are drawn and nothing changes any more
-        now = [middle(shown, canvas, 190), middle(shown, volume, 110)]
+        now = [middle(marimo_page, canvas, 190), middle(marimo_page, volume, 110)]
         if np.allclose(now, start, atol=0.3):
             break
         start = now
-        shown.wait_for_timeout(500)
+        marimo_page.wait_for_timeout(500)
     x, y, width, height = (
-        shown.locator("[data-id='4'] .dnb-ed-disc").bounding_box()[k] for k in ("x", "y", "width", "height")
+        marimo_page.locator("[data-id='4'] .dnb-ed-disc").bounding_box()[k] for k in ("x", "y", "width", "height")
     )
-    shown.mouse.move(x + width / 2, y + height / 2)
-    shown.mouse.down()
-    shown.mouse.move(x + width / 2 + 45, y + height / 2 - 30, steps=6)
-    shown.mouse.up()
-    on_picture, in_volume = moved(shown, canvas, 190, start[0]), moved(shown, volume, 110, start[1])
+    marimo_page.mouse.move(x + width / 2, y + height / 2)
+    marimo_page.mouse.down()
+    marimo_page.mouse.move(x + width / 2 + 45, y + height / 2 - 30, steps=6)
+    marimo_page.mouse.up()
+    on_picture, in_volume = moved(marimo_page, canvas, 190, start[0]), moved(marimo_page, volume, 110, start[1])
     assert on_picture == pytest.approx([45, -30], abs=8)  # the ball is a little smaller than the reach of its point
     assert in_volume[0] > 15
     assert in_volume[0] / in_volume[1] == pytest.approx(-45 / 30, rel=0.2)
     for _ in range(60):
-        shown.get_by_role("button", name="What does Python know?").click()
-        shown.wait_for_timeout(1000)
-        if re.search(r"target \[3\d\.\d+, 2\d\.\d+\]", said := shown.locator("body").inner_text()):
+        marimo_page.get_by_role("button", name="What does Python know?").click()
+        marimo_page.wait_for_timeout(1000)
+        if re.search(r"target \[3\d\.\d+, 2\d\.\d+\]", said := marimo_page.locator("body").inner_text()):
             break
     else:
         raise AssertionError(f"Python does not know of the drag: {said}")

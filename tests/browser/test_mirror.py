@@ -38,8 +38,8 @@ def assert_symmetric(points: ControlPoints, axis: int = 0, at: float = MIDDLE) -
     assert gaps.min(axis=1) == pytest.approx(np.zeros(len(rows)), abs=1e-9)
 
 
-def with_mirror(opened: Any, picture: Picture, points: ControlPoints | None, **settings: Any) -> EditorOnPage:
-    page = opened(Editor(picture, points, **settings))
+def with_mirror(open_editor: Any, picture: Picture, points: ControlPoints | None, **settings: Any) -> EditorOnPage:
+    page = open_editor(Editor(picture, points, **settings))
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("m")
     page.wait_settled()
@@ -51,9 +51,9 @@ def shows_axis(page: EditorOnPage) -> bool:
 
 
 def test_a_drag_moves_the_partner_too_and_the_axis_is_drawn(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = with_mirror(opened, picture, points)
+    page = with_mirror(open_editor, picture, points)
     assert page.editor.mirror == {"on": True, "axis": "a", "at": MIDDLE}
     line, (x, _) = page.page.locator(".dnb-ed-axis-line"), page.to_screen([MIDDLE, 0])
     box = line.bounding_box()
@@ -78,9 +78,9 @@ def test_a_drag_moves_the_partner_too_and_the_axis_is_drawn(
 
 
 def test_new_points_come_in_pairs_and_those_on_the_axis_stay_there(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = with_mirror(opened, picture, points)
+    page = with_mirror(open_editor, picture, points)
     page.page.mouse.dblclick(*page.to_screen([52, 20]))
     assert len(page.points) == 7
     assert_symmetric(page.points)
@@ -94,8 +94,8 @@ def test_new_points_come_in_pairs_and_those_on_the_axis_stay_there(
     assert_symmetric(page.points)
 
 
-def test_deleting_takes_both_and_putting_back_too(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = with_mirror(opened, picture, points)
+def test_deleting_takes_both_and_putting_back_too(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = with_mirror(open_editor, picture, points)
     page.drag(points.target[0], (-25, 31))
     page.page.keyboard.press("Home")
     assert np.array_equal(page.points.target, points.target)
@@ -109,8 +109,10 @@ def test_deleting_takes_both_and_putting_back_too(opened: Any, picture: Picture,
     assert page.points.ids == (0, 1)
 
 
-def test_a_point_without_partner_gets_one_and_a_near_one_is_taken(opened: Any, picture: Picture) -> None:
-    page = with_mirror(opened, picture, ControlPoints.from_arrays([[40.0, -10], [30, 50], [110.8, 50.5], [90, 10]]))
+def test_a_point_without_partner_gets_one_and_a_near_one_is_taken(open_editor: Any, picture: Picture) -> None:
+    page = with_mirror(
+        open_editor, picture, ControlPoints.from_arrays([[40.0, -10], [30, 50], [110.8, 50.5], [90, 10]])
+    )
     page.drag([40, -10], (0, -30))
     assert len(page.points) == 5
     assert page.points.source[4] == pytest.approx([100, -10], abs=1e-9)
@@ -122,9 +124,9 @@ def test_a_point_without_partner_gets_one_and_a_near_one_is_taken(opened: Any, p
 
 
 def test_both_of_a_pair_in_the_hand_keep_the_symmetry_and_none_crosses_the_axis(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = with_mirror(opened, picture, points)
+    page = with_mirror(open_editor, picture, points)
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("Control+a")
     page.drag(points.target[0], (-18, 12))
@@ -138,8 +140,8 @@ def test_both_of_a_pair_in_the_hand_keep_the_symmetry_and_none_crosses_the_axis(
     assert page.points.target[3, 0] < MIDDLE < page.points.target[4, 0]
 
 
-def test_the_axis_can_lie_level_and_be_dragged(opened: Any, picture: Picture) -> None:
-    page = with_mirror(opened, picture, None)
+def test_the_axis_can_lie_level_and_be_dragged(open_editor: Any, picture: Picture) -> None:
+    page = with_mirror(open_editor, picture, None)
     page.page.keyboard.press("Shift+M")
     page.wait_settled()
     assert page.editor.mirror == {"on": True, "axis": "b", "at": 23.75}
@@ -166,9 +168,9 @@ def test_the_axis_can_lie_level_and_be_dragged(opened: Any, picture: Picture) ->
 
 @pytest.mark.parametrize(("key", "way"), [("s", (0.45, 0.2)), ("e", (0.6, 0.0))])
 def test_brushes_and_turns_work_on_both_sides(
-    opened: Any, picture: Picture, points: ControlPoints, key: str, way: tuple[float, float]
+    open_editor: Any, picture: Picture, points: ControlPoints, key: str, way: tuple[float, float]
 ) -> None:
-    page = with_mirror(opened, picture, points)
+    page = with_mirror(open_editor, picture, points)
     page.page.keyboard.press(key)
     radius, k = page.js(f"{PAGE}.tools.brush.radius"), page.js(f"{PAGE}.viewport.view.k")
     start = np.array([48.0, 20])
@@ -191,11 +193,11 @@ def test_brushes_and_turns_work_on_both_sides(
 
 
 def test_the_mirror_outlives_the_view_and_a_locked_partner_stays(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     editor = Editor(picture, points.edit(1, locked=True))
     editor.mirror = {"on": True, "axis": "a", "at": 70.0}
-    page = opened(editor)
+    page = open_editor(editor)
     assert shows_axis(page)
     page.drag(points.target[0], (-25, 31))
     assert page.points.target[1].tolist() == points.target[1].tolist()
@@ -208,10 +210,10 @@ def test_the_mirror_outlives_the_view_and_a_locked_partner_stays(
 
 
 def test_a_new_pair_moves_nothing_where_the_sides_are_bent_in_different_ways(
-    opened: Any, picture: Picture, points: ControlPoints
+    open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
     bent = points.move(0, [49.0, 5]).move(4, [104, 38])
-    page = with_mirror(opened, picture, bent, show_grid=False)
+    page = with_mirror(open_editor, picture, bent, show_grid=False)
     before, fit = page.canvas(), page.editor.fit()
     page.page.mouse.dblclick(*page.to_screen([52, 24]))
     added = page.points

@@ -36,7 +36,7 @@ def bent(by: float) -> Deformation:
     return Deformation.from_picture_points(GRID, "+y", points)
 
 
-def in_thread(page: LivePage, work: Callable[[], Any]) -> Any:
+def run_in_thread(page: LivePage, work: Callable[[], Any]) -> Any:
     """What the work returns or raises, while the page is served."""
     done: list[Any] = []
 
@@ -55,7 +55,7 @@ def in_thread(page: LivePage, work: Callable[[], Any]) -> Any:
     return done[0]
 
 
-def shown(page: LivePage) -> LiveView:
+def open_view(page: LivePage) -> LiveView:
     view = LiveView(bar(), width=SIZE[0], height=SIZE[1], settle_ms=60000, background="dark")
     view.set_camera((1.0, 1.0, -0.5), zoom=1.3)
     page.add(view)
@@ -68,7 +68,7 @@ def scene_of(view: LiveView, size: tuple[int, int] = SIZE) -> PageScene:
 
 
 def test_a_frame_is_the_screenshot_of_its_moment_whatever_is_done_to_the_view(page: LivePage) -> None:
-    view = shown(page)
+    view = open_view(page)
     assert view.has_page()
     assert not view.has_page(by_card=True)  # these tests draw without one
     pictures = []
@@ -82,7 +82,7 @@ def test_a_frame_is_the_screenshot_of_its_moment_whatever_is_done_to_the_view(pa
     frames = []
     for by in (6.0, 0.0):
         scene.set_field(bent(by).field(GRID))
-        frames.append(in_thread(page, scene.render))
+        frames.append(run_in_thread(page, scene.render))
     np.testing.assert_array_equal(frames, pictures[::-1])
     assert np.abs(frames[0].astype(int) - frames[1]).max() > 50
     scene.close()
@@ -91,7 +91,7 @@ def test_a_frame_is_the_screenshot_of_its_moment_whatever_is_done_to_the_view(pa
 
 @pytest.mark.nightly
 def test_a_large_frame_comes_in_pieces_and_is_near_what_python_draws(page: LivePage) -> None:
-    view = shown(page)
+    view = open_view(page)
     seen, size = view.settings(), (800, 600)
     pieces: list[int] = []
     scene = scene_of(view, size)
@@ -103,7 +103,7 @@ def test_a_large_frame_comes_in_pieces_and_is_near_what_python_draws(page: LiveP
 
     scene.receive = counted  # type: ignore[method-assign]
     scene.set_field(bent(6.0).field(GRID))
-    frame = in_thread(page, scene.render).astype(float)
+    frame = run_in_thread(page, scene.render).astype(float)
     assert max(pieces) <= 2**18 < sum(pieces)
     core = display_scene(bar(), view.source.transfer, size, seen, "core")
     core.set_field(bent(6.0).field(GRID))
@@ -115,14 +115,14 @@ def test_a_large_frame_comes_in_pieces_and_is_near_what_python_draws(page: LiveP
 
 
 def test_a_page_that_closes_or_fails_ends_the_wait(page: LivePage) -> None:
-    view = shown(page)
+    view = open_view(page)
     scene = scene_of(view, (64, 64))
     page.page.evaluate("document.querySelector('.dnb-view').deformnb.voxels.values = null")  # as while it comes
     with pytest.raises(PageGoneError, match="the volume has not come"):
-        in_thread(page, scene.render)
+        run_in_thread(page, scene.render)
     scene = scene_of(view)
     page.page.evaluate("models.view.cleanups.forEach((f) => f())")
     with pytest.raises(PageGoneError, match="closed"):
-        in_thread(page, scene.render)
+        run_in_thread(page, scene.render)
     with pytest.raises(PageGoneError, match="no page"):
         scene_of(view)

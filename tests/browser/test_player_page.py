@@ -46,7 +46,7 @@ def js(page: LivePage, expression: str) -> Any:
     return page.page.evaluate(f"() => {{ const p = {PAGE}; return {expression}; }}")
 
 
-def shown(page: LivePage, **traits: Any) -> Player:
+def open_player(page: LivePage, **traits: Any) -> Player:
     player = Player(**{"duration": 2.0, "marks": [0.0, 0.5, 2.0], **traits})
     page.add(player, "player")
     page.wait("document.querySelector('.dnb-player') && !document.querySelector('.dnb-player').deformnb.frame")
@@ -63,7 +63,7 @@ def read_out(page: LivePage) -> str:
 
 
 def test_it_plays_to_the_end_and_python_hears_of_it(page: LivePage) -> None:
-    player = shown(page, duration=0.6, marks=[0.0, 0.6], sync_ms=100.0)
+    player = open_player(page, duration=0.6, marks=[0.0, 0.6], sync_ms=100.0)
     heard: list[float] = []
     player.observe(lambda change: heard.append(change["new"]), "time")
     page.page.get_by_role("button", name="Play (Space)").click()
@@ -78,7 +78,7 @@ def test_it_plays_to_the_end_and_python_hears_of_it(page: LivePage) -> None:
 
 
 def test_keys_and_buttons_go_through_the_moments(page: LivePage) -> None:
-    player = shown(page, step=0.1)
+    player = open_player(page, step=0.1)
     page.page.locator(".dnb-pl-track").focus()
     for keys, wanted in (
         (["ArrowRight"], 0.1),
@@ -114,7 +114,7 @@ def test_keys_and_buttons_go_through_the_moments(page: LivePage) -> None:
 
 
 def test_the_bar_is_scrubbed_and_holds_on_to_key_frames(page: LivePage) -> None:
-    player = shown(page)
+    player = open_player(page)
     box = page.page.locator(".dnb-pl-rail").bounding_box()
     y = box["y"] + box["height"] / 2
     page.page.mouse.move(box["x"] + 0.5 * box["width"], y)
@@ -130,7 +130,7 @@ def test_the_bar_is_scrubbed_and_holds_on_to_key_frames(page: LivePage) -> None:
 
 
 def test_speed_and_loop_are_chosen_and_python_can_do_all_of_it(page: LivePage) -> None:
-    player = shown(page)
+    player = open_player(page)
     page.page.get_by_label("Speed").select_option("2")
     page.page.get_by_label("What comes after the end").select_option("swing")
     settled(page)
@@ -150,7 +150,7 @@ def test_speed_and_loop_are_chosen_and_python_can_do_all_of_it(page: LivePage) -
 
 
 def test_two_views_of_a_player_show_one_clock(page: LivePage) -> None:
-    player = shown(page)
+    player = open_player(page)
     page.draw("player")
     page.page.locator(".dnb-pl-track").nth(1).focus()
     page.page.keyboard.press("End")
@@ -170,7 +170,7 @@ def test_two_views_of_a_player_show_one_clock(page: LivePage) -> None:
 def test_nothing_is_cut_off(page: LivePage, width: int, scheme: str) -> None:
     page.page.set_viewport_size({"width": width, "height": 400})
     page.page.emulate_media(color_scheme=scheme)
-    shown(page, duration=123.4, marks=[0.0, 123.4])
+    open_player(page, duration=123.4, marks=[0.0, 123.4])
     settled(page)
     cut = page.page.evaluate("""() => [...document.querySelectorAll('.dnb-player *')].filter((e) =>
         e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).display !== 'inline' && e.clientWidth > 1

@@ -231,7 +231,7 @@ def test_all_is_done_by_keys(table: TableOnPage) -> None:
 
 
 def test_columns_sort_up_down_and_back(table: TableOnPage) -> None:
-    def shown() -> list[str]:
+    def row_order() -> list[str]:
         rows = table.page.locator(".dnb-pt-body .dnb-pt-row")
         found = [
             (int(rows.nth(k).get_attribute("aria-rowindex")), rows.nth(k).get_attribute("data-id"))
@@ -241,16 +241,16 @@ def test_columns_sort_up_down_and_back(table: TableOnPage) -> None:
         return [point for _, point in found]
 
     head = table.page.locator('.dnb-pt-head-cell[data-key="target_a"] button')
-    assert shown() == ["0", "1", "2", "3", "4"]
+    assert row_order() == ["0", "1", "2", "3", "4"]
     head.click()
-    assert shown() == ["0", "3", "4", "2", "1"]
+    assert row_order() == ["0", "3", "4", "2", "1"]
     assert table.page.locator('[aria-sort="ascending"]').get_attribute("data-key") == "target_a"
     head.click()
-    assert shown() == ["1", "2", "4", "3", "0"]
+    assert row_order() == ["1", "2", "4", "3", "0"]
     head.click()
-    assert shown() == ["0", "1", "2", "3", "4"]
+    assert row_order() == ["0", "1", "2", "3", "4"]
     table.page.locator('.dnb-pt-head-cell[data-key="name"] button').click()
-    assert shown()[:2] == ["4", "1"]  # those without a name come last
+    assert row_order()[:2] == ["4", "1"]  # those without a name come last
 
 
 @pytest.mark.parametrize("width", [1000, 760, 480])

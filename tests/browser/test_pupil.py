@@ -97,16 +97,18 @@ def test_a_carp_becomes_a_boarfish_and_goes_home_on_a_phone(lab: Lab, tab: Any, 
     download.value.save_as(page)
     assert pupil.actions <= MOST_ACTIONS
     assert time.monotonic() - pupil.began < MOST_SECONDS
-    on_phone(browser, page, 12)
+    check_on_phone(browser, page, 12)
 
 
 @pytest.mark.parametrize("name", LESSONS)
 def test_the_page_of_a_lesson_works_on_a_phone(name: str, browser: Any, tmp_path: Path) -> None:
     write_lesson_page(name, tmp_path / "lesson.html")
-    on_phone(browser, tmp_path / "lesson.html", {"coordinates": 12, "kernels": 4, "affine": 2, "folding": 1}[name])
+    check_on_phone(
+        browser, tmp_path / "lesson.html", {"coordinates": 12, "kernels": 4, "affine": 2, "folding": 1}[name]
+    )
 
 
-def on_phone(browser: Any, path: Path, count: int) -> None:
+def check_on_phone(browser: Any, path: Path, count: int) -> None:
     """The file opens without a network, fits the screen, follows a finger, and says when tissue leaves the box."""
     phone = Opened(browser, path, PHONE, "", has_touch=True, is_mobile=True)
     try:

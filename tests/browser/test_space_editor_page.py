@@ -14,7 +14,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.transfer import preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.editor.space_editor import SpaceEditor
-from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, folding
+from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, slice_folds
 
 pytestmark = pytest.mark.needs_browser
 
@@ -85,14 +85,14 @@ class Opened:
 
 
 @pytest.fixture
-def opened(page: LivePage) -> Iterator[Callable[..., Opened]]:
+def open_editor(page: LivePage) -> Iterator[Callable[..., Opened]]:
     made: list[SpaceEditor] = []
 
-    def open_editor(points: ControlPoints | None = None, **options: Any) -> Opened:
+    def make(points: ControlPoints | None = None, **options: Any) -> Opened:
         made.append(SpaceEditor(waves(), points, **options))
         return Opened(page, made[-1])
 
-    yield open_editor
+    yield make
     assert page.errors == []
     for editor in made:
         editor.close()
@@ -105,8 +105,8 @@ def four(editor_points: int = 4) -> ControlPoints:
 
 
 @pytest.mark.parametrize("pane", range(3))
-def test_a_double_click_adds_a_point_on_the_slice(opened: Callable[..., Opened], pane: int) -> None:
-    here = opened()
+def test_a_double_click_adds_a_point_on_the_slice(open_editor: Callable[..., Opened], pane: int) -> None:
+    here = open_editor()
     place = np.asarray(waves().grid.center) + np.array([6.0, -5.0, 4.0])
     axis = int(np.abs(Pane.of(waves().grid, list(PANES)[pane]).plane.normal).argmax())
     x, y = here.to_screen(pane, place)
@@ -122,8 +122,8 @@ def test_a_double_click_adds_a_point_on_the_slice(opened: Callable[..., Opened],
     assert here.page.page.locator(".dnb-ed-target").count() == 3
 
 
-def test_without_points_to_edit_it_is_a_viewer_of_linked_slices(opened: Callable[..., Opened]) -> None:
-    here = opened(read_only=True, before=fit_rbf(four().move(0, [12.0, 40.0, 30.0])))
+def test_without_points_to_edit_it_is_a_viewer_of_linked_slices(open_editor: Callable[..., Opened]) -> None:
+    here = open_editor(read_only=True, before=fit_rbf(four().move(0, [12.0, 40.0, 30.0])))
     assert not here.page.page.locator(".dnb-ed-bar").is_visible()
     center = np.asarray(waves().grid.center)
     here.drag(0, center, (24, -12))
@@ -139,8 +139,10 @@ def test_without_points_to_edit_it_is_a_viewer_of_linked_slices(opened: Callable
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("pane", range(3))
-def test_a_drag_moves_two_coordinates_and_the_other_pictures_follow(opened: Callable[..., Opened], pane: int) -> None:
-    here = opened(four())
+def test_a_drag_moves_two_coordinates_and_the_other_pictures_follow(
+    open_editor: Callable[..., Opened], pane: int
+) -> None:
+    here = open_editor(four())
     before, plane = here.editor.points, Pane.of(waves().grid, list(PANES)[pane]).plane
     k = here.scale(pane)
     here.drag(pane, before.target[0], (30, -18))
@@ -156,8 +158,8 @@ def test_a_drag_moves_two_coordinates_and_the_other_pictures_follow(opened: Call
         np.testing.assert_allclose(middle, here.to_screen(other, moved), atol=1.0)
 
 
-def test_all_pictures_show_what_the_core_makes_of_it(opened: Callable[..., Opened]) -> None:
-    here = opened(four())
+def test_all_pictures_show_what_the_core_makes_of_it(open_editor: Callable[..., Opened]) -> None:
+    here = open_editor(four())
     here.drag(0, here.editor.points.target[0], (40, 10))
     made = SpacePictures(waves(), preset("specimen", waves()))
     for pane in range(3):
@@ -167,8 +169,8 @@ def test_all_pictures_show_what_the_core_makes_of_it(opened: Callable[..., Opene
         assert here.shows(pane, moved)
 
 
-def test_a_line_of_the_cross_hair_drags_one_slice(opened: Callable[..., Opened]) -> None:
-    here = opened(four())
+def test_a_line_of_the_cross_hair_drags_one_slice(open_editor: Callable[..., Opened]) -> None:
+    here = open_editor(four())
     x0, y0, z0 = here.editor.cursor
     x, y = here.to_screen(0, (x0, y0 - 20, z0))
     here.mouse.move(x, y)
@@ -179,8 +181,8 @@ def test_a_line_of_the_cross_hair_drags_one_slice(opened: Callable[..., Opened])
     np.testing.assert_allclose(here.editor.cursor, [x0 + 40 / here.scale(0), y0, z0], atol=1.01 / here.scale(0))
 
 
-def test_the_wheel_and_keys_go_through_slices(opened: Callable[..., Opened]) -> None:
-    here = opened(four())
+def test_the_wheel_and_keys_go_through_slices(open_editor: Callable[..., Opened]) -> None:
+    here = open_editor(four())
     z0 = here.editor.cursor[2]
     here.page.page.locator(".dnb-sp-stage").nth(0).focus()
     here.page.page.keyboard.press("PageDown")
@@ -194,8 +196,8 @@ def test_the_wheel_and_keys_go_through_slices(opened: Callable[..., Opened]) -> 
     assert here.editor.cursor[2] == pytest.approx(z1 - 1.5)
 
 
-def test_keys_move_points_and_undo(opened: Callable[..., Opened]) -> None:
-    here = opened(four())
+def test_keys_move_points_and_undo(open_editor: Callable[..., Opened]) -> None:
+    here = open_editor(four())
     before = here.editor.points
     here.page.page.evaluate("Date.now = () => 0")  # all that follows is done in quick succession
     here.page.page.locator(".dnb-sp-pane1 [data-id='1']").focus()
@@ -214,8 +216,8 @@ def test_keys_move_points_and_undo(opened: Callable[..., Opened]) -> None:
     assert here.editor.points.ids == (0, 2, 3)
 
 
-def test_a_point_off_the_slice_is_fainter_and_j_brings_the_slices_to_it(opened: Callable[..., Opened]) -> None:
-    here = opened(four())
+def test_a_point_off_the_slice_is_fainter_and_j_brings_the_slices_to_it(open_editor: Callable[..., Opened]) -> None:
+    here = open_editor(four())
     far = here.page.page.locator(".dnb-sp-pane0 [data-id='1']")
     assert "dnb-sp-far" in far.get_attribute("class")
     assert float(far.evaluate("(node) => getComputedStyle(node).opacity")) < 0.9
@@ -239,8 +241,8 @@ def test_in_a_maximum_projection_a_point_lands_on_the_brightest_voxel(page: Live
     editor.close()
 
 
-def test_while_python_is_waiting_nothing_is_edited(opened: Callable[..., Opened]) -> None:
-    here = opened(four())
+def test_while_python_is_waiting_nothing_is_edited(open_editor: Callable[..., Opened]) -> None:
+    here = open_editor(four())
     before = here.editor.points
     here.editor.waiting = "Warping the volume"
     here.drag(0, before.target[0], (30, 0))
@@ -251,8 +253,8 @@ def test_while_python_is_waiting_nothing_is_edited(opened: Callable[..., Opened]
     assert here.editor.points != before
 
 
-def test_escape_gives_a_drag_up(opened: Callable[..., Opened]) -> None:
-    here = opened(four())
+def test_escape_gives_a_drag_up(open_editor: Callable[..., Opened]) -> None:
+    here = open_editor(four())
     before, phases = here.editor.points, []
     here.editor.on_edit(lambda points, phase: phases.append((phase, points)))
     x, y = here.to_screen(2, before.target[0])
@@ -268,20 +270,20 @@ def test_escape_gives_a_drag_up(opened: Callable[..., Opened]) -> None:
     assert {phase for phase, _ in phases} == {"move"}
 
 
-def test_where_points_overlap_the_one_on_the_slice_is_grabbed(opened: Callable[..., Opened]) -> None:
+def test_where_points_overlap_the_one_on_the_slice_is_grabbed(open_editor: Callable[..., Opened]) -> None:
     center = np.asarray(waves().grid.center)
     source = center + np.array([[0, 0, 0], [1.5, 0, 12], [0, 1.5, -12], [-14, 9, 5]])
-    here = opened(ControlPoints.from_arrays(source))
+    here = open_editor(ControlPoints.from_arrays(source))
     here.drag(0, center, (25, 0))
     moved = here.editor.points.displacement
     assert np.flatnonzero(np.abs(moved).max(axis=1)).tolist() == [0]
 
 
 @pytest.mark.nightly
-def test_many_points_off_the_slice_keep_their_distances_to_themselves(opened: Callable[..., Opened]) -> None:
+def test_many_points_off_the_slice_keep_their_distances_to_themselves(open_editor: Callable[..., Opened]) -> None:
     center = np.asarray(waves().grid.center)
     source = center + np.random.default_rng(1).uniform(-15, 15, (16, 3))
-    here = opened(ControlPoints.from_arrays(source))
+    here = open_editor(ControlPoints.from_arrays(source))
     label = here.page.page.locator(".dnb-sp-pane0 .dnb-sp-far[data-id] .dnb-ed-name").first
     assert not label.is_visible()
     here.page.page.locator(".dnb-sp-pane0 .dnb-sp-far[data-id]").first.focus()
@@ -290,8 +292,8 @@ def test_many_points_off_the_slice_keep_their_distances_to_themselves(opened: Ca
     assert here.page.page.locator(".dnb-sp-pane0 .dnb-ed-selected .dnb-ed-name").is_visible()
 
 
-def test_a_ring_marks_the_worst_fold_in_all_pictures(opened: Callable[..., Opened]) -> None:
-    editor = opened(four(), trend="translation")
+def test_a_ring_marks_the_worst_fold_in_all_pictures(open_editor: Callable[..., Opened]) -> None:
+    editor = open_editor(four(), trend="translation")
     volume, points = editor.editor.volume, editor.editor.points
     rings = "[...document.querySelectorAll('.dnb-ed-worst')].map((g) => g.getAttribute('visibility'))"
     assert editor.js(rings) == ["hidden"] * 3
@@ -301,7 +303,7 @@ def test_a_ring_marks_the_worst_fold_in_all_pictures(opened: Callable[..., Opene
     editor.page.wait(f"({PAGE}.parts.status.facts.folds ?? [1])[0] <= 0")
     editor.wait_settled()
     assert editor.js(rings) == ["visible"] * 3
-    found = folding(fit_rbf(editor.editor.points, trend="translation"), volume.grid)
+    found = slice_folds(fit_rbf(editor.editor.points, trend="translation"), volume.grid)
     for pane in range(3):
         box = editor.page.page.locator(".dnb-ed-worst-ring").nth(pane).bounding_box()
         middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)

@@ -33,14 +33,14 @@ def pairs() -> ControlPoints:
 
 
 @pytest.fixture
-def opened(page: LivePage) -> Iterator[Callable[..., Opened]]:
+def open_editor(page: LivePage) -> Iterator[Callable[..., Opened]]:
     spaces: list[Opened] = []
 
-    def open_editor(points: ControlPoints, **settings: Any) -> Opened:
+    def make(points: ControlPoints, **settings: Any) -> Opened:
         spaces.append(Opened(page, SpaceEditor(waves(), points, cursor=[MIDDLE, 38, 24], **settings)))
         return spaces[-1]
 
-    yield open_editor
+    yield make
     for space in spaces:
         space.editor.close()
     assert page.errors == []
@@ -77,9 +77,9 @@ def turned(places: Any, degrees: float, plane: tuple[int, int] = (0, 1)) -> NDAr
 
 
 def test_keys_turn_and_scale_what_is_selected_in_the_picture_that_has_the_focus(
-    opened: Any, pairs: ControlPoints
+    open_editor: Any, pairs: ControlPoints
 ) -> None:
-    space = opened(pairs)
+    space = open_editor(pairs)
     space.page.page.evaluate("window.clock = Date.now; Date.now = () => 0")  # two presses are quick ones
     select(space, 0, 1, 2)
     press(space, ".", ".")  # 2 degrees each, clockwise where x runs right and y down
@@ -101,8 +101,8 @@ def test_keys_turn_and_scale_what_is_selected_in_the_picture_that_has_the_focus(
     assert space.editor.points.target[:3] == pytest.approx(turned(pairs.target[:3], -15, (0, 2)), abs=1e-6)
 
 
-def test_the_round_arrow_turns_and_one_point_is_refused(opened: Any, pairs: ControlPoints) -> None:
-    space = opened(pairs)
+def test_the_round_arrow_turns_and_one_point_is_refused(open_editor: Any, pairs: ControlPoints) -> None:
+    space = open_editor(pairs)
     select(space, 0, 1, 2, 3)
     marks = space.page.page.locator(".dnb-ed-turn")
     assert [marks.nth(k).is_visible() for k in range(3)] == [True, True, True]
@@ -128,8 +128,8 @@ def test_the_round_arrow_turns_and_one_point_is_refused(opened: Any, pairs: Cont
     assert "two points or more" in space.page.page.locator(".dnb-ed-hint").inner_text()
 
 
-def test_the_menu_has_them_all(opened: Any, pairs: ControlPoints) -> None:
-    space = opened(pairs)
+def test_the_menu_has_them_all(open_editor: Any, pairs: ControlPoints) -> None:
+    space = open_editor(pairs)
     select(space, 0, 1)
     space.page.page.locator("[data-command=more]").click()
     items = space.page.page.locator(".dnb-ed-item > span:nth-of-type(1)")
@@ -152,8 +152,8 @@ def test_the_menu_has_them_all(opened: Any, pairs: ControlPoints) -> None:
 # ---- the mirror -----------------------------------------------------------------------------------------------------
 
 
-def test_a_drag_moves_the_partner_on_the_other_side_of_the_plane(opened: Any, pairs: ControlPoints) -> None:
-    space = opened(pairs)
+def test_a_drag_moves_the_partner_on_the_other_side_of_the_plane(open_editor: Any, pairs: ControlPoints) -> None:
+    space = open_editor(pairs)
     press_on = space.page.page.locator(".dnb-sp-stage").first
     press_on.focus()
     press(space, "m")
@@ -183,8 +183,8 @@ def test_a_drag_moves_the_partner_on_the_other_side_of_the_plane(opened: Any, pa
     assert np.array_equal(space.editor.points.target[1], pairs.target[1])
 
 
-def test_new_points_come_in_pairs_that_hold_what_is_there(opened: Any, pairs: ControlPoints) -> None:
-    space = opened(pairs)
+def test_new_points_come_in_pairs_that_hold_what_is_there(open_editor: Any, pairs: ControlPoints) -> None:
+    space = open_editor(pairs)
     space.page.page.locator(".dnb-sp-stage").first.focus()
     press(space, "m")
     space.mouse.dblclick(*space.to_screen(AXIAL, [0, 60, 24]))
@@ -195,8 +195,8 @@ def test_new_points_come_in_pairs_that_hold_what_is_there(opened: Any, pairs: Co
     assert points.source == pytest.approx(points.target, abs=1e-6)  # at rest, all of them
 
 
-def test_the_plane_can_lie_across_another_axis_and_be_dragged(opened: Any, pairs: ControlPoints) -> None:
-    space = opened(pairs)
+def test_the_plane_can_lie_across_another_axis_and_be_dragged(open_editor: Any, pairs: ControlPoints) -> None:
+    space = open_editor(pairs)
     space.page.page.locator(".dnb-sp-stage").first.focus()
     press(space, "Shift+M")
     assert space.editor.mirror["axis"] == "y"
@@ -225,8 +225,8 @@ def test_the_plane_can_lie_across_another_axis_and_be_dragged(opened: Any, pairs
 # ---- the lattice ----------------------------------------------------------------------------------------------------
 
 
-def test_targets_keep_to_the_lattice_unless_alt_is_held(opened: Any, pairs: ControlPoints) -> None:
-    space = opened(pairs)
+def test_targets_keep_to_the_lattice_unless_alt_is_held(open_editor: Any, pairs: ControlPoints) -> None:
+    space = open_editor(pairs)
     space.page.page.locator(".dnb-sp-stage").first.focus()
     press(space, "Shift+N")
     assert space.editor.snap == 4.0  # a sixteenth of 60, in voxels of 1
@@ -305,8 +305,8 @@ def test_traits_of_the_hand_are_checked(caplog: pytest.LogCaptureFixture) -> Non
 # ---- what a frame draws ---------------------------------------------------------------------------------------------
 
 
-def test_a_frame_paints_no_picture_and_no_point_that_is_there(opened: Any, pairs: ControlPoints) -> None:
-    space = opened(pairs)
+def test_a_frame_paints_no_picture_and_no_point_that_is_there(open_editor: Any, pairs: ControlPoints) -> None:
+    space = open_editor(pairs)
     space.wait_settled()
     drawn = space.js(f"""(() => {{
       const editor = {PAGE}, {{ points, row }} = editor.parts, pane = row.panes[0];

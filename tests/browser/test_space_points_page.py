@@ -70,7 +70,7 @@ class Shown:
 
 
 @pytest.fixture
-def shown(page: LivePage) -> Iterator[Any]:
+def show_points(page: LivePage) -> Iterator[Any]:
     made: list[Shown] = []
 
     def show(points: ControlPoints | None = None) -> Shown:
@@ -99,8 +99,10 @@ def middle(image: np.ndarray) -> np.ndarray:
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(("direction", "perspective"), [((0, 1, 0), False), ((1, 0.4, -0.3), True), ((0, 0, -1), True)])
-def test_a_point_is_drawn_where_the_body_is_seen(shown: Any, page: LivePage, direction: Any, perspective: bool) -> None:
-    here = shown(one())
+def test_a_point_is_drawn_where_the_body_is_seen(
+    show_points: Any, page: LivePage, direction: Any, perspective: bool
+) -> None:
+    here = show_points(one())
     here.view.set_camera(direction, perspective=perspective)
     at = middle(page.pixels())
     np.testing.assert_allclose(at, here.to_screen(CENTER), atol=1.5)
@@ -108,8 +110,8 @@ def test_a_point_is_drawn_where_the_body_is_seen(shown: Any, page: LivePage, dir
     np.testing.assert_allclose(at, (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2), atol=1.5)
 
 
-def test_points_are_drawn_once_in_a_frame_and_only_those_that_have_moved(shown: Any, page: LivePage) -> None:
-    here = shown(ControlPoints.from_arrays([CENTER, CENTER + 8.0]))
+def test_points_are_drawn_once_in_a_frame_and_only_those_that_have_moved(show_points: Any, page: LivePage) -> None:
+    here = show_points(ControlPoints.from_arrays([CENTER, CENTER + 8.0]))
     page.wait(f"{POINTS}.marks.handles.byId.size === 2")
     drawn = page.page.evaluate(f"""async () => {{
       const shown = {POINTS}, {{ handles }} = shown.marks, update = handles.update.bind(handles), drawn = [];
@@ -131,8 +133,8 @@ def test_points_are_drawn_once_in_a_frame_and_only_those_that_have_moved(shown: 
     page.wait(f"{POINTS}.marks.seen === JSON.stringify({POINTS}.camera)")  # of another camera all are
 
 
-def test_the_body_follows_a_drag_without_a_field_from_python(shown: Any, page: LivePage) -> None:
-    here = shown(one())
+def test_the_body_follows_a_drag_without_a_field_from_python(show_points: Any, page: LivePage) -> None:
+    here = show_points(one())
     view = "document.querySelector('.dnb-view').deformnb"
     page.wait(f"{view}.shownField.spaceLink.given")
     page.wait("models.view.sent.some((m) => m.type === 'follows')")
@@ -153,8 +155,8 @@ def test_the_body_follows_a_drag_without_a_field_from_python(shown: Any, page: L
     assert (middle(page.pixels()) - before)[0] > 6
 
 
-def test_a_drag_moves_a_point_parallel_to_the_screen_and_the_body_with_it(shown: Any, page: LivePage) -> None:
-    here = shown(one())
+def test_a_drag_moves_a_point_parallel_to_the_screen_and_the_body_with_it(show_points: Any, page: LivePage) -> None:
+    here = show_points(one())
     before, scale = middle(page.pixels()), here.scale(CENTER)
     phases: list[str] = []
     here.editor.on_edit(lambda points, phase: phases.append(phase))
@@ -174,8 +176,8 @@ def test_a_drag_moves_a_point_parallel_to_the_screen_and_the_body_with_it(shown:
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", ["x", "z"])
-def test_a_key_locks_an_axis(shown: Any, key: str) -> None:
-    here = shown(one())
+def test_a_key_locks_an_axis(show_points: Any, key: str) -> None:
+    here = show_points(one())
     here.drag(CENTER, (30, -20), key)
     moved = here.editor.points.target[0] - CENTER
     scale, k = here.scale(CENTER), "xyz".index(key)
@@ -183,8 +185,8 @@ def test_a_key_locks_an_axis(shown: Any, key: str) -> None:
     assert np.abs(np.delete(moved, k)).max() == 0
 
 
-def test_a_double_click_puts_a_point_on_the_front_of_the_body(shown: Any, page: LivePage) -> None:
-    here = shown()
+def test_a_double_click_puts_a_point_on_the_front_of_the_body(show_points: Any, page: LivePage) -> None:
+    here = show_points()
     x, y = here.to_screen(CENTER)
     here.mouse.dblclick(x + 8, y - 6)
     here.wait_settled()
@@ -200,8 +202,8 @@ def test_a_double_click_puts_a_point_on_the_front_of_the_body(shown: Any, page: 
 
 
 @pytest.mark.nightly
-def test_on_a_deformed_body_a_new_point_lies_on_what_is_seen(shown: Any, page: LivePage) -> None:
-    here = shown(ControlPoints.from_arrays([CENTER], [CENTER + np.array([12, 0, 0])]))
+def test_on_a_deformed_body_a_new_point_lies_on_what_is_seen(show_points: Any, page: LivePage) -> None:
+    here = show_points(ControlPoints.from_arrays([CENTER], [CENTER + np.array([12, 0, 0])]))
     page.wait("document.querySelector('.dnb-view').deformnb.field?.space")
     x, y = middle(page.pixels())
     here.mouse.dblclick(x - 4, y - 24)
@@ -211,8 +213,8 @@ def test_on_a_deformed_body_a_new_point_lies_on_what_is_seen(shown: Any, page: L
     np.testing.assert_allclose(here.to_screen(target), (x - 4, y - 24), atol=1.0)
 
 
-def test_points_behind_the_body_are_fainter(shown: Any, page: LivePage) -> None:
-    here = shown(ControlPoints.from_arrays([CENTER + np.array([0, 18, 0]), CENTER - np.array([3, 18, 0])]))
+def test_points_behind_the_body_are_fainter(show_points: Any, page: LivePage) -> None:
+    here = show_points(ControlPoints.from_arrays([CENTER + np.array([0, 18, 0]), CENTER - np.array([3, 18, 0])]))
     page.wait("document.querySelector('.dnb-sp-over [data-id=\"0\"]').classList.contains('dnb-sp-hidden')")
     front = page.page.locator(".dnb-sp-over [data-id='1']")
     assert "dnb-sp-hidden" not in front.get_attribute("class")
@@ -224,8 +226,8 @@ def test_points_behind_the_body_are_fainter(shown: Any, page: LivePage) -> None:
     assert "dnb-sp-hidden" not in page.page.locator(".dnb-sp-over [data-id='0']").get_attribute("class")
 
 
-def test_keys_move_and_delete_a_point(shown: Any, page: LivePage) -> None:
-    here = shown(one())
+def test_keys_move_and_delete_a_point(show_points: Any, page: LivePage) -> None:
+    here = show_points(one())
     page.page.locator(".dnb-sp-over [data-id='0']").focus()
     page.page.keyboard.press("Shift+ArrowUp")
     here.wait_settled()

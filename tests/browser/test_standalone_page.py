@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from deformnb.analysis.extent import exceeded_sides, foreground_of, reached_places
+from deformnb.analysis.extent import exceeded_sides, find_foreground, reached_places
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import from_json
 from deformnb.imaging.projection import project
@@ -141,10 +141,10 @@ def _decoded(text: str) -> NDArray[np.int64]:
 
 
 @pytest.fixture
-def opened(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Opened]]:
+def open_page(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Opened]]:
     pages: list[Opened] = []
 
-    def open_page(
+    def make(
         editor: Editor,
         view: LiveView | None = None,
         *,
@@ -158,7 +158,7 @@ def opened(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Opened]]:
         pages.append(Opened(browser, path, size, init, **(options or {})))
         return pages[-1]
 
-    yield open_page
+    yield make
     for page in pages:
         page.context.close()
         assert page.errors == []
@@ -186,9 +186,9 @@ def dragged(page: Opened) -> NDArray[np.float64]:
     return np.asarray(points.target[4] - points.source[4])
 
 
-def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[..., Opened]) -> None:
+def test_a_drag_deforms_picture_and_volume_as_the_core_does(open_page: Callable[..., Opened]) -> None:
     editor, view = pair()
-    page = opened(editor, view)
+    page = open_page(editor, view)
     page.wait_loaded()
     start, flat = page.volume(), page.picture()
     size = (start.shape[1], start.shape[0])
@@ -236,7 +236,7 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
     page.wait_settled()
     page.volume()
     far = Deformation.from_picture_points(GRID, PLANE, page.points()).field(GRID)
-    names = exceeded_sides(reached_places(foreground_of(bar_with_a_ball()), far), FINE)
+    names = exceeded_sides(reached_places(find_foreground(bar_with_a_ball()), far), FINE)
     assert len(names) == 2
     page.js(f"{MODELS}.warn({SIDES})")
     assert page.page.locator(".dnb-page-note").text_content() == cut_off_text(names)
@@ -244,9 +244,9 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
     assert page.page.locator(".dnb-page-note").is_hidden()
 
 
-def test_the_volume_follows_while_the_mouse_is_down(opened: Callable[..., Opened]) -> None:
+def test_the_volume_follows_while_the_mouse_is_down(open_page: Callable[..., Opened]) -> None:
     editor, view = pair()
-    page = opened(editor, view)
+    page = open_page(editor, view)
     page.wait_loaded()
     start = page.volume()
     box, v = page.page.locator(".dnb-ed-stage").bounding_box(), page.js(f"({EDITOR}.viewport.view)")
@@ -263,10 +263,10 @@ def test_the_volume_follows_while_the_mouse_is_down(opened: Callable[..., Opened
 
 
 @pytest.mark.nightly
-def test_points_that_have_moved_already_are_seen_at_once(opened: Callable[..., Opened]) -> None:
+def test_points_that_have_moved_already_are_seen_at_once(open_page: Callable[..., Opened]) -> None:
     editor, view = pair()
     editor.points = editor.points.move(4, editor.points.target[4] + [5.0, 4.0])
-    page = opened(editor, view)
+    page = open_page(editor, view)
     page.wait_loaded()
     image = page.volume()
     view.show_deformation(Deformation.from_picture_points(GRID, PLANE, editor.points), output=FINE)
@@ -274,10 +274,10 @@ def test_points_that_have_moved_already_are_seen_at_once(opened: Callable[..., O
 
 
 @pytest.mark.nightly
-def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: Path) -> None:
+def test_the_controls_do_what_they_say(open_page: Callable[..., Opened], tmp_path: Path) -> None:
     editor, view = pair()
     editor.points = editor.points.move(4, editor.points.target[4] + [5.0, 0.0])
-    page = opened(editor, view)
+    page = open_page(editor, view)
     page.wait_loaded()
     start = page.volume()
     strength = page.page.locator("input[name=strength]")
@@ -310,9 +310,9 @@ def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: 
     assert page.js(f"[{EDITOR}.map.fit.kernel, {EDITOR}.model.get('settings').strength]") == ["wendland_c2", 1]
 
 
-def test_reset_brings_back_the_points_and_undo_those_from_before(opened: Callable[..., Opened]) -> None:
+def test_reset_brings_back_the_points_and_undo_those_from_before(open_page: Callable[..., Opened]) -> None:
     editor, view = pair()
-    page = opened(editor, view)
+    page = open_page(editor, view)
     page.wait_loaded()
     page.drag(editor.points.target[4], (30, 0))
     moved = page.points()
@@ -324,10 +324,10 @@ def test_reset_brings_back_the_points_and_undo_those_from_before(opened: Callabl
     assert page.points() == moved
 
 
-def test_a_kernel_that_the_trend_cannot_carry_is_not_offered(opened: Callable[..., Opened]) -> None:
+def test_a_kernel_that_the_trend_cannot_carry_is_not_offered(open_page: Callable[..., Opened]) -> None:
     editor, view = pair()
     editor.trend = "none"
-    page = opened(editor, view)
+    page = open_page(editor, view)
     page.wait_loaded()
     options = "[...document.querySelector('select[name=kernel]').options]"
     off = page.js(f"{options}.filter((o) => o.disabled).map((o) => o.value)")
@@ -335,13 +335,15 @@ def test_a_kernel_that_the_trend_cannot_carry_is_not_offered(opened: Callable[..
 
 
 @pytest.mark.nightly
-def test_a_kernel_of_ones_own_works_in_the_page(opened: Callable[..., Opened], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_of_ones_own_works_in_the_page(
+    open_page: Callable[..., Opened], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In the scripts of the editor and of the view, chosen from the menu, and in the document; beside the same one."""
     monkeypatch.setitem(KERNELS, "bell", KERNELS["gaussian"])  # so that it is gone in the end
     register_kernel(lambda rho: jnp.exp(-4.5 * rho**2), name="bell", title="Bell")
     editor, view = pair()
     editor.change(kernel="bell", support=25.0)
-    page = opened(editor, view)
+    page = open_page(editor, view)
     page.wait_loaded()
     page.drag(editor.points.target[4], (30, 20))
     seen = {}
@@ -364,9 +366,9 @@ NO_WEBGL = """{ const get = HTMLCanvasElement.prototype.getContext;
         return kind === "webgl2" ? null : get.call(this, kind, ...rest); }; }"""
 
 
-def test_without_webgl_a_still_picture_is_shown_and_the_editor_works(opened: Callable[..., Opened]) -> None:
+def test_without_webgl_a_still_picture_is_shown_and_the_editor_works(open_page: Callable[..., Opened]) -> None:
     editor, view = pair()
-    page = opened(editor, view, init=NO_WEBGL)
+    page = open_page(editor, view, init=NO_WEBGL)
     page.wait_settled()
     page.wait("document.querySelector('.dnb-still')?.naturalWidth === 640")
     assert page.page.is_visible(".dnb-page-alert")
@@ -385,9 +387,9 @@ def test_without_webgl_a_still_picture_is_shown_and_the_editor_works(opened: Cal
     assert dragged(page).min() > 1
 
 
-def test_the_picture_alone_is_a_page_too(opened: Callable[..., Opened]) -> None:
+def test_the_picture_alone_is_a_page_too(open_page: Callable[..., Opened]) -> None:
     editor, _ = pair()
-    page = opened(editor, title="a picture")
+    page = open_page(editor, title="a picture")
     page.wait_settled()
     page.drag(editor.points.target[4], (40, 25))
     assert dragged(page).min() > 1
@@ -395,11 +397,11 @@ def test_the_picture_alone_is_a_page_too(opened: Callable[..., Opened]) -> None:
     assert page.page.title() == "a picture"
 
 
-def test_text_that_looks_like_a_script_is_text(opened: Callable[..., Opened]) -> None:
+def test_text_that_looks_like_a_script_is_text(open_page: Callable[..., Opened]) -> None:
     editor, view = pair()
     evil = "</script><img src=x onerror=\"document.title = 'broken'\"><script>document.title = 'broken'</script>"
     editor.points = editor.points.edit(4, name=evil)
-    page = opened(editor, view, title=evil, about=evil)
+    page = open_page(editor, view, title=evil, about=evil)
     page.wait_loaded()
     assert page.page.title() == evil
     assert page.page.text_content("h1") == evil
@@ -407,9 +409,9 @@ def test_text_that_looks_like_a_script_is_text(opened: Callable[..., Opened]) ->
     assert page.js("document.querySelectorAll('script').length") == 4
 
 
-def test_the_policy_stops_what_would_reach_out(opened: Callable[..., Opened]) -> None:
+def test_the_policy_stops_what_would_reach_out(open_page: Callable[..., Opened]) -> None:
     editor, _ = pair()
-    page = opened(editor)
+    page = open_page(editor)
     page.wait_settled()
     page.page.evaluate("""() => { window.refused = [];
         document.addEventListener("securitypolicyviolation", (event) => window.refused.push(event.blockedURI));
@@ -423,8 +425,8 @@ def test_the_policy_stops_what_would_reach_out(opened: Callable[..., Opened]) ->
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("size", [(360, 740), (1280, 800), (1920, 1080)])
-def test_it_fits_windows_from_a_phone_to_a_desk(opened: Callable[..., Opened], size: tuple[int, int]) -> None:
-    page = opened(*pair(), size=size, about="A line about it.")
+def test_it_fits_windows_from_a_phone_to_a_desk(open_page: Callable[..., Opened], size: tuple[int, int]) -> None:
+    page = open_page(*pair(), size=size, about="A line about it.")
     page.wait_loaded()
     parts = (".dnb-editor", ".dnb-view", ".dnb-page-controls")
     boxes = {name: page.page.locator(name).bounding_box() for name in parts}
@@ -442,19 +444,19 @@ def test_it_fits_windows_from_a_phone_to_a_desk(opened: Callable[..., Opened], s
         assert page.js(f"getComputedStyle(document.querySelector('{name}')).touchAction") == "pan-y"
 
 
-def test_the_downloaded_document_is_plain_json_without_a_plane_of_its_own(opened: Callable[..., Opened]) -> None:
-    page = opened(Editor(None, ControlPoints.from_arrays([[0, 0], [50, 0], [20, 40]])))
+def test_the_downloaded_document_is_plain_json_without_a_plane_of_its_own(open_page: Callable[..., Opened]) -> None:
+    page = open_page(Editor(None, ControlPoints.from_arrays([[0, 0], [50, 0], [20, 40]])))
     page.wait(f"document.querySelector('.dnb-editor') && !{EDITOR}.frames.request")
     text = json.loads(page.js(f"JSON.stringify({MODELS}.document())"))
     assert [p["target"] for p in text["points"]] == [[0, 0], [50, 0], [20, 40]]
     assert text["kernel"] == "wendland_c2"
 
 
-def test_stages_locks_and_radii_come_back_with_the_points(opened: Callable[..., Opened]) -> None:
+def test_stages_locks_and_radii_come_back_with_the_points(open_page: Callable[..., Opened]) -> None:
     editor, _ = pair()
     editor.points = editor.points.edit(1, locked=True).edit(2, radius=31.5)
     editor.stages = 4
-    page = opened(editor)
+    page = open_page(editor)
     page.wait(f"document.querySelector('.dnb-editor') && !{EDITOR}.frames.request")
     (step,) = from_json(page.js(f"JSON.stringify({MODELS}.document())")).steps
     assert step.points == editor.points
@@ -525,8 +527,8 @@ def test_a_cut_that_stops_inside_is_in_the_page_as_the_core_has_warped_it(browse
         opened.context.close()
 
 
-def _lit(opened: Opened) -> NDArray[np.bool_]:
-    data = opened.js(
+def _lit(open_page: Opened) -> NDArray[np.bool_]:
+    data = open_page.js(
         f"{{ {VIEW}.loop.drawNow(2); return {VIEW}.elements.canvas.toDataURL('image/png').split(',')[1]; }}"
     )
     image = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))

@@ -120,111 +120,111 @@ def runs(row: Any) -> list[tuple[int, int]]:
 
 
 @pytest.fixture(scope="module")
-def shown(browser: Any, lab: Lab) -> Iterator[StudioInLab]:
+def studio_page(browser: Any, lab: Lab) -> Iterator[StudioInLab]:
     opened = StudioInLab(lab, browser)
     yield opened
     opened.page.close()
 
 
-def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
-    page = shown.page
-    shown.tab("Rigid parts and cuts")
+def test_a_cut_is_drawn_pulled_open_and_undone(studio_page: StudioInLab) -> None:
+    page = studio_page.page
+    studio_page.tab("Rigid parts and cuts")
     page.get_by_role("button", name="Draw cut").click()
     page.wait_for_function(f"{EDITOR}.tools.pen.isOn")
-    page.mouse.click(*shown.at(29.5, 52))
-    page.mouse.click(*shown.at(29.5, 6))
+    page.mouse.click(*studio_page.at(29.5, 52))
+    page.mouse.click(*studio_page.at(29.5, 6))
     page.keyboard.press("Enter")
-    state = shown.read(lambda state: state["steps"][0]["cuts"] == 1)
+    state = studio_page.read(lambda state: state["steps"][0]["cuts"] == 1)
     assert state["steps"][0]["cuts"] == 1
     assert page.locator(".dnb-studio-panel .dnb-il-choose", has_text="cut").is_visible()
-    whole = shown.row()
+    whole = studio_page.row()
     assert len(runs(whole)) == 1  # a cut that is not pulled open is not seen
     for near, far in ((24.5, 17.5), (34.5, 41.5)):
-        shown.add(near, 29.5)
-        shown.drag((near, 29.5), (far, 29.5))
-    state = shown.read(lambda state: len(runs(state["row"])) == 2 and runs(state["row"])[1][0] > 33)
+        studio_page.add(near, 29.5)
+        studio_page.drag((near, 29.5), (far, 29.5))
+    state = studio_page.read(lambda state: len(runs(state["row"])) == 2 and runs(state["row"])[1][0] > 33)
     (a, b), (c, d) = runs(state["row"])
     assert c - b > 8  # the core's own gap, in voxels
-    on_picture = runs(shown.row())
+    on_picture = runs(studio_page.row())
     assert np.abs(np.array(on_picture) - [(a, b), (c, d)]).max() <= 1
-    volume = shown.pixels(".dnb-view canvas")
+    volume = studio_page.pixels(".dnb-view canvas")
     bright = volume[volume.shape[0] // 2 - 2 : volume.shape[0] // 2 + 2].max(axis=(0, 2)) > 60
     halves = [run for run in runs(bright) if run[1] - run[0] > 3]
     assert len(halves) == 2
     width = (halves[1][1] - halves[0][0]) / (d - a)  # screen pixels of a voxel
     assert (halves[1][0] - halves[0][1]) / width == pytest.approx(c - b, abs=2)
-    shown.page.locator(".dnb-ed-stage").focus()
+    studio_page.page.locator(".dnb-ed-stage").focus()
     page.keyboard.press("Control+z")
     page.keyboard.press("Control+z")
     page.keyboard.press("Control+z")
     page.keyboard.press("Control+z")
-    state = shown.read(lambda state: len(runs(state["row"])) == 1 and state["steps"][0]["points"] == 4)
+    state = studio_page.read(lambda state: len(runs(state["row"])) == 1 and state["steps"][0]["points"] == 4)
     assert (state["steps"][0]["points"], state["undo"]) == (4, "add cut")
-    assert (shown.row() == whole).all()
+    assert (studio_page.row() == whole).all()
     page.keyboard.press("Control+z")
-    assert shown.read(lambda state: state["steps"][0]["cuts"] == 0)["undo"] == ""
+    assert studio_page.read(lambda state: state["steps"][0]["cuts"] == 0)["undo"] == ""
 
 
 @pytest.mark.nightly
-def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None:
-    page = shown.page
-    shown.add(29.5, 29.5)
-    shown.drag((29.5, 29.5), (40.5, 29.5))
-    moved = shown.read(lambda state: bool(state["undo"].startswith("move")))["row"]
+def test_steps_from_two_sides_are_switched_and_moved(studio_page: StudioInLab) -> None:
+    page = studio_page.page
+    studio_page.add(29.5, 29.5)
+    studio_page.drag((29.5, 29.5), (40.5, 29.5))
+    moved = studio_page.read(lambda state: bool(state["undo"].startswith("move")))["row"]
     ((a, b),) = runs(moved)
     assert (a + b) / 2 > 33
     page.get_by_label("Side", exact=True).select_option(label="from above (-z)")
-    state = shown.read(lambda state: len(state["steps"]) == 2)
+    state = studio_page.read(lambda state: len(state["steps"]) == 2)
     assert [step["view"] for step in state["steps"]] == ["+y", "-z"]
     page.wait_for_function(f"{EDITOR}.points.list.length === 4 && !{EDITOR}.model.get('waiting')")
     right, left = (40.0, 30.0) if state["u"] > 0 else (19.0, 29.0)  # from above a patient's left is on the other side
-    shown.add(right, 20.0)
-    shown.drag((right, 20.0), (left, 20.0))
-    state = shown.read(lambda state: bool(state["steps"][1]["points"] == 5 and state["undo"].startswith("move")))
+    studio_page.add(right, 20.0)
+    studio_page.drag((right, 20.0), (left, 20.0))
+    state = studio_page.read(lambda state: bool(state["steps"][1]["points"] == 5 and state["undo"].startswith("move")))
     ((a, b),) = runs(state["row"])
     assert (a + b) / 2 < 33  # dragged back
-    shown.tab("Steps")
+    studio_page.tab("Steps")
     page.locator(".dnb-il-switch:visible").first.click()
-    state = shown.read(lambda state: not state["steps"][0]["on"])
+    state = studio_page.read(lambda state: not state["steps"][0]["on"])
     ((a, b),) = runs(state["row"])
     assert (a + b) / 2 < 26  # the second alone
     page.wait_for_function(IDLE)
     page.locator("[data-part=down]:visible").first.click()
-    state = shown.read(lambda state: state["steps"][0]["view"] == "-z")
+    state = studio_page.read(lambda state: state["steps"][0]["view"] == "-z")
     assert [(step["view"], step["on"]) for step in state["steps"]] == [("-z", True), ("+y", False)]
     page.wait_for_function(IDLE)
     page.locator("[data-part=rename]:visible").first.click()
     page.keyboard.type("pull back")
     page.keyboard.press("Enter")
-    assert shown.read(lambda state: state["steps"][0]["name"] != "")["steps"][0]["name"] == "pull back"
+    assert studio_page.read(lambda state: state["steps"][0]["name"] != "")["steps"][0]["name"] == "pull back"
     left = [round(page.locator(".dnb-il-switch:visible").nth(k).bounding_box()["x"]) for k in range(2)]
     assert all(one == other for one, other in pairwise(left))
-    assert shown.errors == []
+    assert studio_page.errors == []
 
 
 @pytest.mark.nightly
-def test_a_point_in_space_moves_the_volume_and_the_list_leads_back(shown: StudioInLab) -> None:
-    page = shown.page
-    shown.host.run(page, "studio.session.editing.reset(); studio.session.set_view('+y')")
-    shown.read(lambda state: [step["view"] for step in state["steps"]] == ["+y"])
-    shown.tab("Steps")
+def test_a_point_in_space_moves_the_volume_and_the_list_leads_back(studio_page: StudioInLab) -> None:
+    page = studio_page.page
+    studio_page.host.run(page, "studio.session.editing.reset(); studio.session.set_view('+y')")
+    studio_page.read(lambda state: [step["view"] for step in state["steps"]] == ["+y"])
+    studio_page.tab("Steps")
     page.get_by_role("button", name="Add step in space").click()
     page.wait_for_selector(".dnb-sp-pane0 .dnb-ed-target")
     assert page.locator(".dnb-ed-stage:not(.dnb-sp-stage):visible").count() == 0  # the picture has given its place
-    shown.host.run(
+    studio_page.host.run(
         page, "studio.session.editing.edit_points(studio.session.editing.points.add(studio.volume.grid.center), 'add')"
     )
     page.wait_for_selector(".dnb-sp-pane1 [data-id='8']")
     pane = page.locator(".dnb-sp-stage").nth(1)  # coronal: x to the right
     pane.scroll_into_view_if_needed()
-    before = runs(shown.read()["row"])
+    before = runs(studio_page.read()["row"])
     box = box_at_rest(page.locator(".dnb-sp-pane1 [data-id='8'] .dnb-ed-hit").first)
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + 30, y, steps=6)
     page.mouse.up()
-    state = shown.read(lambda state: state["undo"].startswith("move"))
+    state = studio_page.read(lambda state: state["undo"].startswith("move"))
     assert state["undo"].startswith("move")
     assert [step["view"] for step in state["steps"]] == ["+y", None]
     after = runs(state["row"])
@@ -232,4 +232,4 @@ def test_a_point_in_space_moves_the_volume_and_the_list_leads_back(shown: Studio
     page.locator(".dnb-il-choose:visible").first.click()
     page.wait_for_selector(".dnb-ed-stage:not(.dnb-sp-stage):visible")
     assert page.locator(".dnb-sp-stage:visible").count() == 0
-    assert shown.errors == []
+    assert studio_page.errors == []

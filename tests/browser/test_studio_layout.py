@@ -60,7 +60,7 @@ def look(page: Any, name: str, may_scroll: str = "") -> None:
 
 
 @pytest.fixture(scope="module")
-def in_lab(window: Any, lab: Lab) -> Any:
+def studio_lab(window: Any, lab: Lab) -> Any:
     lab.open_notebook(window, [CELL])
     window.wait_for_function(READY, timeout=120_000)
     return lab
@@ -68,8 +68,8 @@ def in_lab(window: Any, lab: Lab) -> Any:
 
 @pytest.mark.parametrize("theme", ["light", pytest.param("dark", marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("width", [0, 620], ids=["wide", "narrow"])
-def test_all_tabs_can_be_used_in_lab(in_lab: Lab, window: Any, theme: str, width: int) -> None:
-    in_lab.dark(window, theme == "dark")
+def test_all_tabs_can_be_used_in_lab(studio_lab: Lab, window: Any, theme: str, width: int) -> None:
+    studio_lab.dark(window, theme == "dark")
     window.evaluate(NARROW, width)
     # Twelve columns of numbers are wider than the panel; the table has a bar of its own.
     look(window, f"lab-{theme}-{width or 'wide'}", ".dnb-pt-scroller")
@@ -91,7 +91,7 @@ SPOIL = """([part, style]) => {
         ("label", "flex: none !important; width: 10px !important; overflow: hidden", "is cut"),
     ],
 )
-def test_what_is_wrong_is_found(in_lab: Lab, window: Any, part: str, style: str, said: str) -> None:
+def test_what_is_wrong_is_found(studio_lab: Lab, window: Any, part: str, style: str, said: str) -> None:
     window.evaluate(NARROW, 0)
     choose(window, "Interpolation")
     assert lasting_faults(window, ".dnb-pt-scroller") == []
@@ -101,7 +101,7 @@ def test_what_is_wrong_is_found(in_lab: Lab, window: Any, part: str, style: str,
     assert lasting_faults(window, ".dnb-pt-scroller") == []
 
 
-def test_ctrl_s_saves_the_session_wherever_the_focus_is(in_lab: Lab, window: Any) -> None:
+def test_ctrl_s_saves_the_session_wherever_the_focus_is(studio_lab: Lab, window: Any) -> None:
     window.evaluate(NARROW, 0)
     button = window.locator(".dnb-save")
     window.locator(".dnb-ed-stage:visible").first.focus()  # there JupyterLab's own Ctrl+S does nothing
@@ -109,7 +109,7 @@ def test_ctrl_s_saves_the_session_wherever_the_focus_is(in_lab: Lab, window: Any
     window.keyboard.press("Control+s")
     window.wait_for_function("document.querySelector('.dnb-studio').innerText.includes('Saved carp_phantom.json.')")
     window.wait_for_function("!document.querySelector('.dnb-save').title.includes('unsaved')")
-    assert (in_lab.folder / in_lab.place / "carp_phantom.json").stat().st_size > 0
+    assert (studio_lab.folder / studio_lab.place / "carp_phantom.json").stat().st_size > 0
     window.locator("body").press("Control+s")  # elsewhere it is the notebook's alone
     assert window.evaluate("document.querySelectorAll('.dnb-studio').length") == 1
 
@@ -119,7 +119,9 @@ PANES = """() => [".dnb-studio-panes", ".dnb-pane-picture", ".dnb-pane-volume", 
     return { left, right, top, bottom }; })"""
 
 
-def test_the_panel_stands_beside_the_pictures_and_below_them_where_the_page_is_narrow(in_lab: Lab, window: Any) -> None:
+def test_the_panel_stands_beside_the_pictures_and_below_them_where_the_page_is_narrow(
+    studio_lab: Lab, window: Any
+) -> None:
     window.evaluate(NARROW, 0)
     window.wait_for_function("document.querySelector('.dnb-panes-stacked')")  # a fish is longer than it is high
     panes, picture, volume, panel = window.evaluate(PANES)
@@ -133,7 +135,9 @@ def test_the_panel_stands_beside_the_pictures_and_below_them_where_the_page_is_n
     window.evaluate(NARROW, 0)
 
 
-def test_a_menu_opens_under_its_button_and_closes_by_escape_and_by_a_press_beside_it(in_lab: Lab, window: Any) -> None:
+def test_a_menu_opens_under_its_button_and_closes_by_escape_and_by_a_press_beside_it(
+    studio_lab: Lab, window: Any
+) -> None:
     window.evaluate(NARROW, 0)
     for name, words in (("History", "the beginning"), ("Examples", "Bend it"), ("Export", "Write")):
         button = window.locator(".dnb-head").get_by_role("button", name=name, exact=True)
@@ -150,7 +154,7 @@ def test_a_menu_opens_under_its_button_and_closes_by_escape_and_by_a_press_besid
     assert button.get_attribute("aria-expanded") == "false"
 
 
-def test_an_example_is_applied_and_undone_at_once(in_lab: Lab, window: Any) -> None:
+def test_an_example_is_applied_and_undone_at_once(studio_lab: Lab, window: Any) -> None:
     editor = "document.querySelector('.dnb-studio-panes .dnb-editor').deformnb.parts"
     before = window.evaluate(f"() => JSON.stringify({editor}.points.list)")
     window.locator(".dnb-head").get_by_role("button", name="Examples", exact=True).click()

@@ -24,9 +24,9 @@ CELLS = 6  # of 120 x 110: 6 across, 6 down
 
 
 @pytest.fixture
-def three(opened: Any, picture: Picture, points: ControlPoints) -> EditorOnPage:
+def three(open_editor: Any, picture: Picture, points: ControlPoints) -> EditorOnPage:
     """The main editor above, the original and the grid below."""
-    page = opened(Editor(picture, points, density=CELLS, height=240), size=(900, 900), draws=3)
+    page = open_editor(Editor(picture, points, density=CELLS, height=240), size=(900, 900), draws=3)
     page.js(SIDES)
     page.wait(f"{VIEWS}.every((view) => !view.frames.isMoving && !view.frames.request)")
     return page
@@ -209,20 +209,20 @@ def test_nothing_can_be_dragged_on_the_original(three: EditorOnPage, points: Con
 
 
 @pytest.mark.nightly
-def test_areas_and_strains_have_the_right_colours(opened: Any, picture: Picture) -> None:
+def test_areas_and_strains_have_the_right_colours(open_editor: Any, picture: Picture) -> None:
     a0, a1, b0, b1 = picture.raster.box
     corners, centre = np.array([[a0, b0], [a1, b0], [a0, b1], [a1, b1]]), np.array([(a0 + a1) / 2, (b0 + b1) / 2])
     colour = """(() => { const c = document.querySelector('.dnb-ed-overlay'), g = c.getContext('2d');
       return Array.from(g.getImageData(0, 0, c.width, c.height).data); })()"""
     for factor, wanted in (((1.6, 1.6), "green"), ((0.7, 0.7), "purple")):
         points = ControlPoints.from_arrays(corners, centre + (corners - centre) * factor)
-        page = opened(Editor(picture, points, overlay="area", show_grid=False, height=240), size=(500, 400))
+        page = open_editor(Editor(picture, points, overlay="area", show_grid=False, height=240), size=(500, 400))
         rgba = np.array(page.js(colour)).reshape(-1, 4)
         red, green, blue = rgba[rgba[:, 3] > 60][:, :3].mean(axis=0)
         assert (green > max(red, blue) + 30) == (wanted == "green")
         assert (min(red, blue) > green + 30) == (wanted == "purple")
     points = ControlPoints.from_arrays(corners, centre + (corners - centre) * [1.3, 0.8])
-    page = opened(Editor(picture, points, overlay="strain", density=CELLS, height=240), size=(500, 400))
+    page = open_editor(Editor(picture, points, overlay="strain", density=CELLS, height=240), size=(500, 400))
     legend = page.page.locator(".dnb-ed-key").inner_text()
     assert legend.startswith("principal strains")
     assert "stretched by" in legend

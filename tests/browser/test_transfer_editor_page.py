@@ -395,11 +395,11 @@ def test_bars_that_are_finer_than_a_pixel_are_seen_apart_when_zoomed(browser: An
     assert bars() > 900
     ink = np.asarray(Image.open(io.BytesIO(page.page.screenshot())).convert("RGB")).astype(int)
 
-    def seen(value: float) -> Any:
+    def pixel_at(value: float) -> Any:
         x, y = page.at(value, -0.6 * high)
         return ink[round(y), round(x)]
 
-    assert (seen(2401) < seen(2450) - 10).all()
+    assert (pixel_at(2401) < pixel_at(2450) - 10).all()
     page.close()
 
 

@@ -49,7 +49,7 @@ def sent(page: LivePage, way: Way) -> LiveView:
 
 
 def values_differ(page: LivePage, view: LiveView) -> bool:
-    shown = view.source.shown
+    shown = view.source.voxels
     assert shown is not None
     got = page.page.evaluate(f"[{VIEW}.values.length, {VIEW}.values.reduce((s, v, i) => (s * 31 + v) % 1000003, 7)]")
     total = 7

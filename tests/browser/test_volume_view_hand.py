@@ -51,7 +51,7 @@ print(json.dumps([columns.mean() / 320, len(columns) / (320 * 240)]))
 """
 
 
-def opened(lab: Lab, tab: Any, cell: str, name: str) -> None:
+def open_cell(lab: Lab, tab: Any, cell: str, name: str) -> None:
     lab.open_notebook(tab, [BALL, cell], name)
     tab.wait_for_function(f"{VIEW}?.isFull", timeout=120_000)
 
@@ -59,7 +59,7 @@ def opened(lab: Lab, tab: Any, cell: str, name: str) -> None:
 @pytest.mark.nightly
 def test_a_slider_moves_the_picture_which_is_never_black(lab: Lab, tab: Any) -> None:
     """Callbacks of sliders come from several threads, of which OpenGL bears one."""
-    opened(lab, tab, SLIDER, "slider.ipynb")
+    open_cell(lab, tab, SLIDER, "slider.ipynb")
     places = [tab.evaluate(BODY)]
     assert places[0][1] > 0.05
     handle = tab.locator(".noUi-handle").first
@@ -84,7 +84,7 @@ def test_a_slider_moves_the_picture_which_is_never_black(lab: Lab, tab: Any) -> 
 
 @pytest.mark.nightly
 def test_the_picture_follows_a_point_and_ends_where_the_hand_does(lab: Lab, tab: Any) -> None:
-    opened(lab, tab, EDITOR, "editor.ipynb")
+    open_cell(lab, tab, EDITOR, "editor.ipynb")
     before = tab.evaluate(BODY)
     tab.wait_for_selector(".dnb-ed-disc")
     box = box_at_rest(tab.locator(".dnb-editor [data-id='0'] .dnb-ed-disc"))

@@ -39,7 +39,7 @@ def ball() -> Volume:
     return Volume(np.clip(60 * (5.5 - np.sqrt((k**2).sum(axis=0))), 0, 200).astype(np.uint8), GRID, "ball")
 
 
-def opened(page: LivePage, **options: Any) -> VolumeView:
+def open_view(page: LivePage, **options: Any) -> VolumeView:
     view = VolumeView(
         ball(),
         **{
@@ -79,7 +79,7 @@ def middle(image: np.ndarray) -> np.ndarray:
 
 
 def test_the_page_shows_what_python_draws_and_what_moves_it(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     assert np.abs(pixels(page) - view.still(SIZE)).mean() < 3  # JPEG
     assert page.page.is_hidden(".dnb-waiting")
     changed(page, lambda: view.set_camera((0, 1, 0)))
@@ -96,7 +96,7 @@ def test_the_page_shows_what_python_draws_and_what_moves_it(page: LivePage) -> N
 
 
 def test_hands_and_keys_turn_the_picture(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     changed(page, lambda: view.set_camera((0, 1, 0)))
     before = middle(pixels(page))
     mouse = page.page.mouse
@@ -125,7 +125,7 @@ def test_hands_and_keys_turn_the_picture(page: LivePage) -> None:
 
 
 def test_both_pictures_side_by_side_and_in_turn(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     plane = Plane.from_view(GRID, "+y")
     away = ControlPoints.from_arrays([[10.0, 10.0]], [[14.0, 13.0]])
     view.show_deformation(Deformation.from_picture_points(GRID, plane, away, trend="translation"))
@@ -149,7 +149,7 @@ def test_both_pictures_side_by_side_and_in_turn(page: LivePage) -> None:
 
 
 def test_sizes_follow_the_element_and_the_theme_the_page(page: LivePage) -> None:
-    view = opened(page, background="auto")
+    view = open_view(page, background="auto")
     page.page.emulate_media(color_scheme="dark")
     page.wait(f"{PAGE}.elements.theme.name === 'dark'")
     changed(page, lambda: page.page.evaluate("document.getElementById('root').style.width = '160px'"))
@@ -165,7 +165,7 @@ def test_sizes_follow_the_element_and_the_theme_the_page(page: LivePage) -> None
 
 
 def test_a_notice_is_shown_and_a_page_that_goes_gives_the_window_back(page: LivePage) -> None:
-    view = opened(page)
+    view = open_view(page)
     view.pictures.show_notice("something is wrong")
     page.flush()
     assert page.page.text_content(".dnb-notice") == "something is wrong"
@@ -181,7 +181,7 @@ def test_a_notice_is_shown_and_a_page_that_goes_gives_the_window_back(page: Live
 
 
 def test_a_fold_is_red_and_a_badge_says_what_that_means(page: LivePage) -> None:
-    view = opened(page, projection="composite", transfer="bone")
+    view = open_view(page, projection="composite", transfer="bone")
     plane = Plane.from_view(GRID, "-z")
     changed(page, lambda: view.show(Volume(np.full(GRID.shape, 200, np.uint8), GRID, "block")))
     changed(page, lambda: view.set_camera(plane.normal, [-c for c in plane.v]))

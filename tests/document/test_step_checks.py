@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from deformnb.analysis.folds import folds_of, jacobian_determinant
+from deformnb.analysis.folds import find_folds, jacobian_determinant
 from deformnb.analysis.gaussian_process import uncertainty
 from deformnb.analysis.quality import fit_quality
 from deformnb.document.deformation import Deformation, Step
@@ -101,11 +101,11 @@ def test_what_is_safe() -> None:
 def test_as_many_stages_as_are_needed_leave_no_fold(options: dict[str, Any]) -> None:
     step = a_step(FAR, **options)
     raster = Raster((200, 200), (0.315, 0.315), (0.0, 0.0))
-    assert folds_of(step.fits(GRID)[0], raster).least < 0
+    assert find_folds(step.fits(GRID)[0], raster).least < 0
     count = required_stages(step, GRID)
     assert count in (2, 4, 8, 16)
     unfolded = replace(step, stages=count)
-    assert folds_of(unfolded.fits(GRID)[0], raster).least > 0
+    assert find_folds(unfolded.fits(GRID)[0], raster).least > 0
     fit = unfolded.fits(GRID)[0]
     assert_allclose(fit.displacement([FAR[1]]), [np.subtract(*FAR)], atol=1e-9)
     if count > 2:
@@ -120,7 +120,7 @@ def test_stages_in_space_and_beside_cuts() -> None:
     step = Step((points,), support=20.0, trend="none")
     count = required_stages(step, grid)
     assert count > 1
-    assert folds_of(replace(step, stages=count).field(grid), grid).least > 0
+    assert find_folds(replace(step, stages=count).field(grid), grid).least > 0
     cut = a_step(FAR, cuts=(Cut(Line([(32.0, 0.0), (32.0, 63.0)])),))
     count = required_stages(cut, GRID)
     for fit in replace(cut, stages=count).fits(GRID):
@@ -281,7 +281,7 @@ def test_the_smallest_determinant_is_followed_between_the_nodes() -> None:
     step = Step((points,), Plane.from_view(grid, "+z"), trend="none", support=6.0)
     found = step_folds(step, grid)
     expected = 1 - 135 / 64 * 2 / 6
-    assert folds_of(step.field(grid), fold_lattice(step, grid)).least > expected + 0.02  # the nodes alone miss it
+    assert find_folds(step.field(grid), fold_lattice(step, grid)).least > expected + 0.02  # the nodes alone miss it
     assert found.least == pytest.approx(expected, abs=2e-3)
     assert document_folds(Deformation((step,)), grid) == found
 

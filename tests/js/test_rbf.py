@@ -176,7 +176,7 @@ def answers() -> dict[str, dict[str, Any]]:
     return dict(zip(given, run_script(FILES, MAIN, json.loads(json.dumps(asked))), strict=True))
 
 
-def fitted_alike(answer: dict[str, Any], points: ControlPoints, settings: dict[str, Any]) -> Any:
+def fit_in_python(answer: dict[str, Any], points: ControlPoints, settings: dict[str, Any]) -> Any:
     """The package's fit, None where both refuse the points for one reason; with the notes of the browser's."""
     if "error" in answer:
         with pytest.raises(DeformError) as caught:
@@ -193,7 +193,7 @@ def fitted_alike(answer: dict[str, Any], points: ControlPoints, settings: dict[s
 def test_the_browser_fits_as_the_package_does(name: str) -> None:
     points, settings = cases()[name]
     answer = answers()[name]
-    fit = fitted_alike(answer, points, settings)
+    fit = fit_in_python(answer, points, settings)
     if fit is None:
         return
     places = np.concatenate([points.target[:3], [[33.0, 44.0], [-300.0, 900.0]]])

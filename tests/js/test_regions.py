@@ -196,7 +196,7 @@ def test_fits_beside_rigid_parts_are_those_of_the_package(name: str, strength: f
     )
     fit: AbstractField = fit_rigid(points.scaled(strength), [p.scaled(strength) for p in parts], support=300.0)
     assert np.abs(np.array(found["at"]) - fit.displacement(places(200))).max() < CLOSE
-    oracle = fit.on_raster(Raster((5, 7), (70.0, 80.0), (13.0, 21.0)))
+    oracle = fit.sample_on_raster(Raster((5, 7), (70.0, 80.0), (13.0, 21.0)))
     assert np.abs(np.array(found["map"]).reshape(5, 7, 2) - np.moveaxis(oracle, 0, -1)).max() < 1e-3
     assert found["notes"] == [note for note in fit.notes if note not in (FOLDS_WARNING, POOR)]  # type: ignore[attr-defined]
 

@@ -35,7 +35,7 @@ MAIN = """({ points, settings, at, raster }) => {
   return { seen: at.map(([a, b]) => placeOf(layered, a, b, 6).slice()), sides: layered.fits.map(({ sides }) => sides),
     slopes: layered.fits.map(({ fit }) => at.map((p) => Array.from(fieldWithSlope(fit, ...p, work)))),
     maps: layersOnRaster(layered, raster).map((map) => Array.from(map)), folds: foldsOf(layered, [0, 500, 0, 450], 9),
-    moved: at.map((p) => placeSeen(layered, p, 1e-6)) };
+    moved: at.map((p) => findVisiblePlace(layered, p, 1e-6)) };
 }"""
 
 
@@ -70,7 +70,7 @@ def test_slits_are_those_of_the_package(name: str) -> None:
         slope = np.array(slopes)
         np.testing.assert_allclose(slope[:, :2], at + fit.displacement(at), atol=CLOSE)
         np.testing.assert_allclose(slope[:, 2:].reshape(-1, 2, 2), np.eye(2) + fit.jacobian(at), atol=1e-5)
-        oracle = np.moveaxis(fit.on_raster(RASTER), 0, -1)
+        oracle = np.moveaxis(fit.sample_on_raster(RASTER), 0, -1)
         np.testing.assert_allclose(np.reshape(values, oracle.shape), oracle, atol=1e-3)
     assert np.isfinite(found["folds"]["least"])
     is_moved = np.array([p is not None for p in found["moved"]])

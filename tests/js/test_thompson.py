@@ -51,7 +51,7 @@ MAIN = """({ points, settings, box, cells }) => {
 }"""
 
 
-def in_the_page(points: ControlPoints, cells: int, cuts: list[Cut]) -> dict[str, Any]:
+def compute_in_page(points: ControlPoints, cells: int, cuts: list[Cut]) -> dict[str, Any]:
     chosen = Step((points,), PLANE).chosen_support
     assert chosen is not None
     regions = [{"name": "", "enabled": True, "region": region_to_data(c.region)} for c in cuts]
@@ -69,7 +69,7 @@ def test_nodes_and_strains_are_those_of_the_package(points: ControlPoints, cuts:
     step = Step((points,), PLANE, cuts=tuple(cuts))
     field = field_of(step, steps_of(step, picture, 1.0), picture, 1.0, GRID, 0)
     grids = make_grids(field, picture, 6)
-    page = in_the_page(points, 6, cuts)
+    page = compute_in_page(points, 6, cuts)
     assert page["shape"].astype(int).tolist() == [5, 7]
     oracle.assert_close(page["source"].reshape(5, 7, 2), grids.nodes, atol=1e-9)
     assert page["isSeen"].all()
@@ -85,7 +85,7 @@ def test_nodes_and_strains_are_those_of_the_package(points: ControlPoints, cuts:
 
 
 def test_arms_are_nearly_a_cell_long_by_a_plain_factor() -> None:
-    page = in_the_page(BENT, 6, [])
+    page = compute_in_page(BENT, 6, [])
     strains = np.sort(np.abs(page["stretch"] - 1))
     longest = strains[int(0.95 * (len(strains) - 1))]
     assert page["gain"] * longest <= 0.9

@@ -206,7 +206,7 @@ def test_a_known_volume_gets_its_true_spacing() -> None:
 
 PACK = """async ({ name, data, views, factors }) => {
   const volume = await readVolume(new Blob([Uint8Array.from(atob(data), (c) => c.charCodeAt(0))]), name);
-  const about = measured(volume), transfer = specimen(volume, about);
+  const about = measureLevels(volume), transfer = specimen(volume, about);
   const { window, share } = windowOf(volume, about, transfer);
   const bytes = await bytesOfVolume(volume, factors, window, () => {});
   const pictures = views.map((view) => {

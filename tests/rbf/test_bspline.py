@@ -95,7 +95,7 @@ def test_voxels_of_a_grid_have_the_displacements_of_their_places(order: int, tur
     field = BSplineField(RANDOM.normal(size=(7, 6, 8, 3)), ORIGINS[3], tuple(map(tuple, axes.tolist())), order)
     direction = tuple(map(tuple, (np.asarray(AXES[3]) / np.linalg.norm(AXES[3], axis=0)).tolist()))
     grid = Grid((11, 12, 13), (5.1, 4.3, 6.2), (-4.0, -9.0, 1.0), direction)
-    values = field.on_grid(grid)
+    values = field.sample_on_grid(grid)
     index = np.moveaxis(np.indices(grid.shape)[::-1], 0, -1)
     known = field.displacement(grid.index_to_point(index))
     assert 0.05 < (known == 0).all(axis=-1).mean() < 0.98

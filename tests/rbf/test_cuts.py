@@ -273,7 +273,7 @@ def test_jax_and_rasters_say_what_points_say(name: str, rule: str) -> None:
     oracle.assert_close(opacity, wanted_a, atol=1e-4)
     shown = wanted_a > 1e-3
     oracle.assert_close(np.moveaxis(values, 0, -1)[shown], wanted[shown], atol=1e-4)
-    oracle.assert_close(field.on_raster(raster), values)
+    oracle.assert_close(field.sample_on_raster(raster), values)
 
 
 def test_on_a_plane_in_space_the_cut_is_looked_up_in_the_picture() -> None:

@@ -116,7 +116,7 @@ def test_a_curve_of_one_and_equal_maps_are_replication() -> None:
         field_of(interpolate([0.1, 0.4, 0.8]), flat(), flat(), flat()),
     ):
         oracle.assert_close(other.displacement(places()), wanted.displacement(places()), atol=1e-12)
-        oracle.assert_close(other.on_grid(GRID), wanted.on_grid(GRID), atol=SINGLE)
+        oracle.assert_close(other.sample_on_grid(GRID), wanted.sample_on_grid(GRID), atol=SINGLE)
 
 
 def test_at_a_knot_the_slope_of_growing_depth_counts() -> None:
@@ -150,9 +150,9 @@ def test_zeta_runs_from_the_first_slice_to_the_last_and_stays_there() -> None:
 def test_one_slice_takes_the_value_at_zero(view: str) -> None:
     grid = Grid(tuple(1 if "zyx"[k] == view[1] else 4 for k in range(3)))
     field = extrude(Plane.from_view(grid, view), grid, (flat(), flat(1)), interpolate([0.0, 1.0]))
-    assert np.isfinite(field.on_grid(grid)).all()
+    assert np.isfinite(field.sample_on_grid(grid)).all()
     first = extrude(Plane.from_view(grid, view), grid, (flat(),), replicate())
-    oracle.assert_close(field.on_grid(grid), first.on_grid(grid), atol=SINGLE)
+    oracle.assert_close(field.sample_on_grid(grid), first.sample_on_grid(grid), atol=SINGLE)
     with float64():
         x = jnp.asarray(grid.corners())
         oracle.assert_close(field(x), first.displacement(grid.corners()), atol=1e-11)
@@ -205,7 +205,7 @@ def test_the_fast_way_through_a_grid_gives_the_values_at_its_points(grid: Grid, 
         (interpolate([0.0, 0.3, 1.0]), (flat(), Identity(2), flat(1))),
     ):
         field = extrude(plane, grid, maps, weights)
-        got = field.on_grid(grid)
+        got = field.sample_on_grid(grid)
         assert got.dtype == np.float32
         assert got.shape == (*grid.shape, 3)
         oracle.assert_close(got, field.displacement(points_of(grid)), atol=SINGLE)
@@ -224,7 +224,7 @@ def test_a_plane_turned_within_itself_is_still_along_the_grid() -> None:
     plane = Plane((0.0, 0.0, 0.0), (c, s, 0.0), (-s, c, 0.0))
     field = extrude(plane, GRID, (flat(),), modulate("z"))
     assert field.axis_of(GRID) == 0
-    oracle.assert_close(field.on_grid(GRID), field.displacement(points_of(GRID)), atol=SINGLE)
+    oracle.assert_close(field.sample_on_grid(GRID), field.displacement(points_of(GRID)), atol=SINGLE)
 
 
 # ---- JAX -------------------------------------------------------------------------------------------------------------

@@ -145,7 +145,7 @@ def test_products_are_in_full_precision_on_a_gpu_too(dim: int, name: str) -> Non
 def test_values_on_a_raster_are_those_at_its_points(name: str) -> None:
     f = field(2, name)
     for raster in (RASTER, Raster((1, 1), (1.0, 1.0), (5.0, 6.0)), Raster((3, 70), (0.3, 9.0), (100.0, -80.0))):
-        got = f.on_raster(raster)
+        got = f.sample_on_raster(raster)
         assert got.shape == (2, *raster.shape)
         assert got.dtype == np.float32
         wanted = np.moveaxis(f.displacement(raster.points()), -1, 0)
@@ -171,7 +171,7 @@ def points_of(grid: Grid) -> np.ndarray:
 @pytest.mark.parametrize("name", spatial())
 def test_values_on_a_grid_are_those_at_its_points(name: str, which: str) -> None:
     f, grid = field(3, name), GRIDS[which]
-    got = f.on_grid(grid)
+    got = f.sample_on_grid(grid)
     assert got.shape == (*grid.shape, 3)
     assert got.dtype == np.float32
     oracle.assert_close(got, f.displacement(points_of(grid)), atol=SINGLE, rtol=1e-6)
@@ -216,11 +216,11 @@ def test_fields_are_pytrees_that_pass_through_jax(dim: int, name: str) -> None:
 def test_a_field_is_refused_where_it_has_no_values() -> None:
     for name, f in planar().items():
         with pytest.raises(DeformError, match="over a plane"):
-            f.on_grid(grid_of())
+            f.sample_on_grid(grid_of())
         del name
     for f in spatial().values():
         with pytest.raises(DeformError, match="in space"):
-            f.on_raster(RASTER)
+            f.sample_on_raster(RASTER)
     with pytest.raises(DeformError, match="do not compose"):
         compose(Identity(2), Identity(3))
 
@@ -266,7 +266,7 @@ def test_composing_translations_adds_them_and_a_map_with_its_inverse_is_nothing(
 def test_composing_nothing_is_the_identity_in_space() -> None:
     assert compose() == Identity(3)
     assert (compose().displacement(places(3)) == 0).all()
-    assert (compose().on_grid(grid_of()) == 0).all()
+    assert (compose().sample_on_grid(grid_of()) == 0).all()
 
 
 # ---- samples ---------------------------------------------------------------------------------------------------------
@@ -294,7 +294,8 @@ def test_sampling_again_on_the_same_lattice_changes_nothing() -> None:
     twice = DisplacementField.sample(once, grid_of(OBLIQUE))
     oracle.assert_close(twice.values, once.values, atol=SINGLE)
     np.testing.assert_array_equal(
-        DisplacementField.sample(planar()["rbf"], RASTER).values, np.moveaxis(planar()["rbf"].on_raster(RASTER), 0, -1)
+        DisplacementField.sample(planar()["rbf"], RASTER).values,
+        np.moveaxis(planar()["rbf"].sample_on_raster(RASTER), 0, -1),
     )
 
 

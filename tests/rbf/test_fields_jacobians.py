@@ -42,7 +42,7 @@ def assert_right(f: AbstractField, x: NDArray[np.float64], atol: float = 1e-6) -
     oracle.assert_close(found, AbstractField.jacobian(f, x), atol=ROUNDING * max(1.0, np.abs(found).max()))
     oracle.assert_close(found, differences(f, x), atol=atol)
     flat = x.reshape(-1, f.dim)
-    on_lattice = f.jacobian_on_outer_sum(flat[:4].T, np.zeros((f.dim, 1)))
+    on_lattice = f.lattice_jacobians(flat[:4].T, np.zeros((f.dim, 1)))
     assert on_lattice.shape == (f.dim, f.dim, 4, 1)
     assert on_lattice.dtype == np.float32
     oracle.assert_close(on_lattice[..., 0], np.moveaxis(f.jacobian(flat[:4]), 0, -1), atol=2e-5)
@@ -69,7 +69,7 @@ def test_an_outer_sum_is_that_of_its_points(dim: int) -> None:
     at = np.moveaxis(rows[:, :, None] + columns[:, None, :], 0, -1)
     for d, name in FIELDS:
         if d == dim:
-            got = field(dim, name).jacobian_on_outer_sum(rows, columns)
+            got = field(dim, name).lattice_jacobians(rows, columns)
             oracle.assert_close(got, np.moveaxis(field(dim, name).jacobian(at), (-2, -1), (0, 1)), atol=2e-5)
 
 

@@ -122,9 +122,9 @@ def test_lattices_have_the_values_of_their_places(dim: int) -> None:
     fit = fit_forward(bent(dim), kernel="cubic")
     lattice: Any = Raster((21, 37), (3.0, 2.5), (-8.0, -5.0)) if dim == 2 else Grid((4, 5, 37), (3.0, 20.0, 12.0))
     if dim == 2:
-        found, places = np.moveaxis(fit.on_raster(lattice), 0, -1), lattice.points()
+        found, places = np.moveaxis(fit.sample_on_raster(lattice), 0, -1), lattice.points()
     else:
-        found = fit.on_grid(lattice)
+        found = fit.sample_on_grid(lattice)
         places = lattice.index_to_point(np.stack(np.indices(lattice.shape)[::-1], axis=-1))
     assert np.abs(found - fit.displacement(places)).max() < 1e-4 * min(lattice.spacing)
 

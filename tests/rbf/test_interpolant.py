@@ -205,7 +205,7 @@ def test_padding_never_changes_a_result(kernel: str, trend: str, monkeypatch: py
     assert len(wide.centers) == 16
     oracle.assert_close(wide.displacement(elsewhere(2)), fit.displacement(elsewhere(2)), atol=CLOSE)
     far = Raster((3, 4), (9.0, 9.0), (10.0, 10.0))
-    oracle.assert_close(wide.on_raster(far), fit.on_raster(far), atol=1e-5)  # float32 of values below 100
+    oracle.assert_close(wide.sample_on_raster(far), fit.sample_on_raster(far), atol=1e-5)  # float32 of values below 100
 
 
 @pytest.mark.parametrize("n", [8, 9])
@@ -465,13 +465,13 @@ def test_float64_is_within_a_billionth_of_the_extent(trend: str, support: float,
 
 @pytest.mark.parametrize(("kernel", "support"), [(k, s) for k in KERNELS for s in (5.0, 80.0, 400.0)])
 def test_the_display_path_is_within_a_thousandth_of_a_pixel(kernel: str, support: float) -> None:
-    """At points on pixels: on_raster against the required displacements, for small and for wide kernels."""
+    """At points on pixels: sample_on_raster against the required displacements, for small and for wide kernels."""
     target = np.array([[3, 5], [90, 8], [40, 50], [12, 93], [95, 95], [44, 54], [70, 30]], dtype=float)
     points = ControlPoints.from_arrays(target + drag(2, 15.0), target)
     for offset in (0.0, 4e6):
         moved = ControlPoints.from_arrays(points.source + offset, points.target + offset)
         fit = fit_rbf(moved, kernel=kernel, support=support, trend=richest(kernel))
-        picture = fit.on_raster(Raster((100, 100), (1.0, 1.0), (offset, offset)))
+        picture = fit.sample_on_raster(Raster((100, 100), (1.0, 1.0), (offset, offset)))
         assert picture.dtype == np.float32
         shown = picture[:, target[:, 1].astype(int), target[:, 0].astype(int)].T
         assert np.abs(shown - (points.source - points.target)).max() < 1e-3
@@ -487,9 +487,9 @@ def test_centres_that_do_not_reach_a_part_of_a_picture_are_left_out_of_it_and_no
     )
     fit = fit_rbf(points, kernel="wendland_c0", support=25.0)
     raster = Raster((90, 205), (1.0, 1.0), (-2.0, 50.0))
-    found = np.moveaxis(fit.on_raster(raster), 0, -1)
+    found = np.moveaxis(fit.sample_on_raster(raster), 0, -1)
     np.testing.assert_allclose(found, fit.displacement(raster.points()), atol=1e-3)
-    slopes = fit.jacobian_on_outer_sum(*raster_lines(raster)).transpose(2, 3, 0, 1)
+    slopes = fit.lattice_jacobians(*raster_lines(raster)).transpose(2, 3, 0, 1)
     np.testing.assert_allclose(slopes, fit.jacobian(raster.points()), atol=1e-3)
 
 
@@ -499,7 +499,7 @@ def test_a_picture_far_from_its_origin_is_evaluated_as_fast(monkeypatch: pytest.
     monkeypatch.setattr(rbf, "evaluate_lattice", lambda *args: used.append(args[-1]) or evaluate(*args))
     for offset in (0.0, 4e6):
         points = ControlPoints.from_arrays(sources(2) + offset, sources(2) + drag(2, 0.2) + offset)
-        fit_rbf(points, support=SUPPORT).on_raster(Raster((100, 100), (1.0, 1.0), (offset, offset)))
+        fit_rbf(points, support=SUPPORT).sample_on_raster(Raster((100, 100), (1.0, 1.0), (offset, offset)))
     assert used == [np.float32, np.float32]
 
 
@@ -614,7 +614,7 @@ def test_the_jacobian_is_that_of_central_differences(kernel: str, trend: str, di
         [(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(dim)], axis=-1
     )
     np.testing.assert_allclose(fit.jacobian(x), differences, atol=2e-6)
-    lattice = fit.jacobian_on_outer_sum(x.T, np.zeros((dim, 1)))
+    lattice = fit.lattice_jacobians(x.T, np.zeros((dim, 1)))
     np.testing.assert_allclose(np.moveaxis(lattice[..., 0], -1, 0), fit.jacobian(x), atol=1e-4)
 
 

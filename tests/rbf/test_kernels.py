@@ -231,7 +231,7 @@ def test_a_gaussian_of_ones_own_is_the_gaussian() -> None:
     oracle.assert_close(own.displacement(x), built_in.displacement(x), atol=1e-11)
     oracle.assert_close(own.jacobian(x), built_in.jacobian(x), atol=1e-11)
     raster = Raster((20, 20), (5.0, 5.0), (0.0, 0.0))
-    oracle.assert_close(own.on_raster(raster), built_in.on_raster(raster), atol=1e-4)
+    oracle.assert_close(own.sample_on_raster(raster), built_in.sample_on_raster(raster), atol=1e-4)
 
 
 @pytest.mark.usefixtures("_registry")

@@ -87,14 +87,14 @@ def test_lists_of_centres_leave_every_sum_as_it_is(
         fit.displacement(x),
         fit.jacobian(x),
         fit.lattice_values(rows, columns, 1.0),
-        fit.jacobian_on_outer_sum(rows, columns),
+        fit.lattice_jacobians(rows, columns),
     ]
     monkeypatch.setattr(evaluation, "CULLED", 8)
     listed = [
         fit.displacement(x),
         fit.jacobian(x),
         fit.lattice_values(rows, columns, 1.0),
-        fit.jacobian_on_outer_sum(rows, columns),
+        fit.lattice_jacobians(rows, columns),
     ]
     for one, other, close in zip(whole, listed, (1e-11, 1e-11, 1e-3, 1e-3), strict=True):
         oracle.assert_close(other, one, atol=close)
@@ -107,7 +107,7 @@ def test_ten_thousand_points_with_a_compact_kernel_are_interpolated_and_drawn() 
     assert isinstance(fit, LocalFits)
     oracle.assert_close(fit.displacement(points.target), points.displacement, atol=1e-9)
     raster = Raster((40, 50), (2.5, 2.0), (0.0, 0.0))
-    shown = np.moveaxis(fit.on_raster(raster), 0, -1)
+    shown = np.moveaxis(fit.sample_on_raster(raster), 0, -1)
     oracle.assert_close(shown, fit.displacement(raster.points()), atol=2e-3)  # a thousandth of a pixel
     plane = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
     again = from_json(to_json(Deformation((Step((points,), plane),)))).steps[0]

@@ -284,9 +284,13 @@ def test_jax_and_lattices_say_what_points_say(name: str) -> None:
     oracle.assert_close(found, fit.displacement(places()), atol=1e-9)
     raster = Raster((23, 31), (7.0, 9.0), (-60.0, -50.0))
     for _ in range(2):  # the second time with the distances of the first
-        oracle.assert_close(np.moveaxis(fit.on_raster(raster), 0, -1), fit.displacement(raster.points()), atol=2e-4)
+        oracle.assert_close(
+            np.moveaxis(fit.sample_on_raster(raster), 0, -1), fit.displacement(raster.points()), atol=2e-4
+        )
     moved = fit_rigid(points(), [replace(p, motion=RigidMotion.turn(3, (0, 0))) for p in PARTS[name]], support=SUPPORT)
-    oracle.assert_close(np.moveaxis(moved.on_raster(raster), 0, -1), moved.displacement(raster.points()), atol=2e-4)
+    oracle.assert_close(
+        np.moveaxis(moved.sample_on_raster(raster), 0, -1), moved.displacement(raster.points()), atol=2e-4
+    )
     slope = fit.jacobian(places(2, 5))
     h = 1e-5
     for k in range(2):

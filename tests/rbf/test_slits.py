@@ -19,7 +19,7 @@ OTHER = Line([(-50, 40), (40, 52)], stops=(False, True))
 BORDER = Line([(-60, -40), (60, -45)])
 
 
-def opened(step: float = 6.0) -> ControlPoints:
+def open_slit_points(step: float = 6.0) -> ControlPoints:
     """Both sides of the slit pulled apart between fixed corners."""
     return ControlPoints.from_arrays([*CORNERS, [0, -12], [0, 14]], [*CORNERS, [1, -12 - step], [0, 14 + step]])
 
@@ -44,7 +44,7 @@ def test_every_point_is_interpolated(rows: list[tuple[float, ...]], cuts: tuple[
 @given(st.floats(0, 60), st.sampled_from(["source", "jacobian"]))
 @settings(max_examples=10, deadline=None)
 def test_nothing_jumps_beyond_a_tip_and_all_is_seen_there(way: float, what: str) -> None:
-    field = FitSettings().fit(opened(), cuts=(SLIT,), softness=1.0)
+    field = FitSettings().fit(open_slit_points(), cuts=(SLIT,), softness=1.0)
     first, second = field.fields
     x = np.array([[30 + way, 5 + way / 6]])  # of the tissue; where is it after the drags?
     y = x - first.displacement(x)
@@ -59,7 +59,7 @@ def test_nothing_jumps_beyond_a_tip_and_all_is_seen_there(way: float, what: str)
 
 def test_a_slit_opens_between_its_tips_and_shuts_towards_them() -> None:
     """Tissue on both sides of the line separates: far in the middle, less and less towards each tip, evenly."""
-    field = FitSettings().fit(opened(), cuts=(SLIT,), softness=0.5)
+    field = FitSettings().fit(open_slit_points(), cuts=(SLIT,), softness=0.5)
     left, right = field.fields
     along = np.linspace(0, 1, 13)
     x = np.stack([30 * along, 5 * along], axis=-1)
@@ -74,8 +74,8 @@ def test_a_slit_opens_between_its_tips_and_shuts_towards_them() -> None:
 
 def test_all_ways_to_evaluate_agree() -> None:
     """NumPy and JAX, at points and on lattices; the slope with differences."""
-    field = FitSettings().fit(opened(), cuts=(SLIT, OTHER), softness=1.0)
-    alone = FitSettings().fit(opened(), cuts=(SLIT,), softness=1.0)
+    field = FitSettings().fit(open_slit_points(), cuts=(SLIT, OTHER), softness=1.0)
+    alone = FitSettings().fit(open_slit_points(), cuts=(SLIT,), softness=1.0)
     rows, columns = np.array([[0.0] * 5, np.linspace(-70, 70, 5)]), np.array([np.linspace(-70, 70, 6), [0.0] * 6])
     x = np.moveaxis(rows[:, :, None] + columns[:, None, :], 0, -1)
     for one in (field.fields[1], alone.fields[0]):
@@ -88,7 +88,7 @@ def test_all_ways_to_evaluate_agree() -> None:
         beside = [(one.displacement(x + h) - one.displacement(x - h)) / 2e-4 for h in 1e-4 * np.eye(2)]
         np.testing.assert_allclose(slope, np.stack(beside, axis=-1), atol=1e-6)
         np.testing.assert_allclose(
-            one.jacobian_on_outer_sum(rows, columns), np.moveaxis(slope, (-2, -1), (0, 1)), atol=1e-5
+            one.lattice_jacobians(rows, columns), np.moveaxis(slope, (-2, -1), (0, 1)), atol=1e-5
         )
 
 
@@ -113,9 +113,9 @@ def test_a_side_without_points_follows_at_the_tip_only() -> None:
 def test_what_cannot_stop_is_refused() -> None:
     slits = [Line([(-30, 10 * k), (30, 10 * k)], stops=(True, True)) for k in range(4)]
     with pytest.raises(DeformError, match="at most 3 cuts"):
-        FitSettings().fit(opened(), cuts=slits)
+        FitSettings().fit(open_slit_points(), cuts=slits)
     with pytest.raises(DeformError, match='use the rule "source"'):
-        FitSettings().fit(opened(), cuts=[SLIT], cut_rule="paper")
+        FitSettings().fit(open_slit_points(), cuts=[SLIT], cut_rule="paper")
     with pytest.raises(DeformError, match="True and False"):
         Line([(0, 0), (1, 1)], stops=(True,))  # type: ignore[arg-type]
     assert not FitSettings().fits(ControlPoints.empty(2), cuts=[SLIT])

@@ -33,7 +33,7 @@ def lose(strength: float = 0.5, points: int = 5) -> Session:
     return session
 
 
-def opened(session: Session | None = None, **options: Any) -> Recovery:
+def open_recovery(session: Session | None = None, **options: Any) -> Recovery:
     made = Recovery(session or Session(a_volume()), **options)
     assert made.ready.wait(PATIENCE)
     return made
@@ -42,7 +42,7 @@ def opened(session: Session | None = None, **options: Any) -> Recovery:
 def test_nothing_is_offered_where_nothing_was_lost() -> None:
     lose()
     for session in (Session(a_volume(1)),):
-        recovery = opened(session)
+        recovery = open_recovery(session)
         assert recovery.offer == ""
         recovery.act("restore")
         assert session.editing.history["undo"] == ""
@@ -52,7 +52,7 @@ def test_nothing_is_offered_where_nothing_was_lost() -> None:
 def test_what_was_lost_comes_back_exactly_and_can_be_undone() -> None:
     lost = lose(points=5)
     told: list[str] = []
-    recovery = opened(report=told.append)
+    recovery = open_recovery(report=told.append)
     session = recovery.session
     first = session.editing.deformation
     assert recovery.offer.startswith("An edit of ")
@@ -68,7 +68,7 @@ def test_what_was_lost_comes_back_exactly_and_can_be_undone() -> None:
     recovery.autosave.flush()
     assert recovery.written
     crash(recovery.autosave)
-    again = opened()
+    again = open_recovery()
     assert len(again.lost) == 1  # the one that went on, and not the first one too
     again.autosave.close()
 
@@ -77,7 +77,7 @@ def test_the_newest_is_offered_first_and_each_is_skipped_or_deleted_once() -> No
     for k in range(3):
         lose(points=5 + k)
     changes: list[int] = []
-    recovery = opened(changed=lambda: changes.append(1))
+    recovery = open_recovery(changed=lambda: changes.append(1))
     assert "(11 points, 2 steps). 2 older edits follow." in recovery.offer
     recovery.act("skip")
     assert "(10 points, 2 steps). 1 older edit follows." in recovery.offer
@@ -85,7 +85,7 @@ def test_the_newest_is_offered_first_and_each_is_skipped_or_deleted_once() -> No
     assert recovery.offer.endswith("(9 points, 2 steps).")
     assert len(changes) == 3
     recovery.autosave.close()
-    again = opened()
+    again = open_recovery()
     assert again.offer.endswith("(9 points, 2 steps).")
     again.act("delete")
     assert again.offer == ""
@@ -97,7 +97,7 @@ def test_the_newest_is_offered_first_and_each_is_skipped_or_deleted_once() -> No
 def test_a_damaged_one_is_said_and_the_next_is_offered() -> None:
     lose(points=5)
     lose(points=6)
-    recovery = opened()
+    recovery = open_recovery()
     whole = recovery.lost[0].path.read_bytes()
     recovery.lost[0].path.write_bytes(whole[:-20])
     before = recovery.session.editing.deformation
@@ -111,9 +111,9 @@ def test_a_damaged_one_is_said_and_the_next_is_offered() -> None:
 def test_a_document_that_was_made_on_another_volume_is_spoken_of() -> None:
     told: list[str] = []
     document = lose().document()
-    fitting = opened(Session(a_volume(), document), report=told.append)
+    fitting = open_recovery(Session(a_volume(), document), report=told.append)
     assert told == []
-    other = opened(Session(a_volume(1), document), report=told.append)
+    other = open_recovery(Session(a_volume(1), document), report=told.append)
     wait_for(lambda: told)
     assert "another volume ('noise', 8 x 7 x 6 voxels)" in told[0]
     fitting.autosave.close()

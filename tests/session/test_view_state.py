@@ -54,11 +54,11 @@ def test_what_was_added_is_parted_again(
 ) -> None:
     look = ViewState(transfer, method, depth, window, colour_map)
     document = Deformation(name="bent", extra={"later": [1]})
-    assert ViewState.split(from_json(to_json(look.added_to(document)))) == (document, look)
+    assert ViewState.split(from_json(to_json(look.add_to(document)))) == (document, look)
 
 
 POINTS = ControlPoints.from_arrays([[0, 0], [9, 0], [4, 4]], [[0, 0], [9, 0], [6.5, 4]])
-SEEN = ViewState(OWN, "slice", 3.5).added_to(
+SEEN = ViewState(OWN, "slice", 3.5).add_to(
     Deformation((Step((POINTS,), Plane.from_view(BAR.grid, "+y")),), name="bent")
 )
 
@@ -114,7 +114,7 @@ def test_a_window_set_by_hand_is_kept_exported_and_no_edit(tmp_path: Path) -> No
 
 def test_ambient_occlusion_is_kept_where_it_is_off(tmp_path: Path) -> None:
     session = Session(BAR)
-    assert "ambient_occlusion" not in session.pictures.view_state.added_to(Deformation()).extra["look"]
+    assert "ambient_occlusion" not in session.pictures.view_state.add_to(Deformation()).extra["look"]
     session.pictures.ambient_occlusion = False
     session.save(tmp_path / "flat.json")
     opened = Session(BAR)
@@ -149,7 +149,7 @@ def test_a_window_that_is_none_is_refused(window: Any) -> None:
 
 def test_undo_takes_an_opened_document_back_but_not_its_colours() -> None:
     session = Session(BAR)
-    session.take(ViewState("bone").added_to(Deformation(name="other")))
+    session.take(ViewState("bone").add_to(Deformation(name="other")))
     assert (session.pictures.transfer, session.editing.deformation.name) == ("bone", "other")
     session.editing.undo()
     assert (session.pictures.transfer, session.editing.deformation.name) == ("bone", "")
@@ -167,7 +167,7 @@ def test_colours_at_values_of_another_volume_are_not_taken() -> None:
 
 def test_a_slice_lies_within_the_volume_and_belongs_to_the_last_step() -> None:
     session = Session(BAR)
-    session.take(ViewState(method="slice", depth=1e300).added_to(Deformation()))
+    session.take(ViewState(method="slice", depth=1e300).add_to(Deformation()))
     assert session.pictures.depth == session.pictures.depth_range[1]
     assert session.pictures.view_state.depth == session.pictures.depth
     session.steps.add()

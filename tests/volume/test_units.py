@@ -457,7 +457,7 @@ DOCUMENT = dn.Deformation.from_space_points(PAIRS.control_points(), support=9.0)
 def test_a_document_meets_a_volume_by_length(unit: str, tmp_path: Path) -> None:
     known = DOCUMENT.apply(BALL)
     assert (known.values != BALL.values).any()
-    other = BALL.in_unit(unit)
+    other = BALL.to_unit(unit)
     dn.write_deformation(DOCUMENT, tmp_path / "d.json")
     read = dn.read_deformation(tmp_path / "d.json")
     assert (read, read.unit) == (DOCUMENT, "mm")
@@ -468,7 +468,7 @@ def test_a_document_meets_a_volume_by_length(unit: str, tmp_path: Path) -> None:
         dn.warp(other, dn.fit_rbf(PAIRS.control_points(), support=9.0)),
         dn.chunked.warp(other, DOCUMENT, dn.Volume),
         session.results.volume(),
-        read.in_unit(unit).apply(BALL),
+        read.to_unit(unit).apply(BALL),
     ):
         # A value at a half may be rounded either way.
         assert np.abs(result.values.astype(int) - known.values).max() <= 1
@@ -476,7 +476,7 @@ def test_a_document_meets_a_volume_by_length(unit: str, tmp_path: Path) -> None:
     on_picture = dn.Deformation.from_picture_points(
         other, "+z", dn.ControlPoints.from_arrays([[3, 4]], [[5, 4]], unit="mm")
     )
-    assert on_picture.in_unit("mm").steps[0].points.target == pytest.approx(np.array([[5.0, 4.0]]))
+    assert on_picture.to_unit("mm").steps[0].points.target == pytest.approx(np.array([[5.0, 4.0]]))
 
 
 def test_a_document_without_a_unit_takes_numbers_as_they_are(tmp_path: Path) -> None:
@@ -503,7 +503,7 @@ def test_an_earlier_document_states_no_unit() -> None:
 
 @pytest.mark.parametrize("unit", ["\u00b5m", "m"])
 def test_landmarks_and_meshes_meet_a_volume_by_length(unit: str) -> None:
-    grid, there = GRID.in_unit(unit), PAIRS.in_unit(unit)
+    grid, there = GRID.to_unit(unit), PAIRS.to_unit(unit)
     moved = dn.warp_landmarks(PAIRS, DOCUMENT, grid=grid)
     assert np.abs(moved.points - PAIRS.fixed).max() < 1e-4  # of a grid in mm
     assert (moved.unit, dn.warp_landmarks(there, DOCUMENT, grid=GRID).unit) == ("mm", unit)
@@ -517,13 +517,13 @@ def test_landmarks_and_meshes_meet_a_volume_by_length(unit: str) -> None:
     session = Session(dn.Volume(BALL.values, grid), dn.Deformation((dn.Step((dn.ControlPoints.empty(3),)),)))
     session.add_landmarks(PAIRS)
     np.testing.assert_allclose(session.editing.points.source, there.points)
-    np.testing.assert_allclose(session.landmarks().in_unit("mm").fixed, PAIRS.fixed, rtol=1e-12)
+    np.testing.assert_allclose(session.landmarks().to_unit("mm").fixed, PAIRS.fixed, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["t.h5", "t.tfm", "t.nrrd", "t.nii.gz", "t.mha", "t.vti", "t.zarr"])
 def test_transform_files_of_a_grid_in_micrometres_hold_millimetres(name: str, tmp_path: Path) -> None:
     """As the file of the same grid in millimetres, but for NGFF, which states the unit."""
-    own = GRID.in_unit("\u00b5m")
+    own = GRID.to_unit("\u00b5m")
     dn.write_transform(DOCUMENT, tmp_path / name, own)
     (tmp_path / "mm").mkdir()
     dn.write_transform(DOCUMENT, tmp_path / "mm" / name, GRID)
@@ -570,7 +570,7 @@ def test_a_table_of_landmarks_states_the_unit_of_each_column(tmp_path: Path) -> 
 
 
 def test_a_mesh_file_is_in_millimetres(tmp_path: Path) -> None:
-    mesh = dn.warping.isosurface(BALL.in_unit("\u00b5m"), 100)
+    mesh = dn.warping.isosurface(BALL.to_unit("\u00b5m"), 100)
     assert mesh.unit == "\u00b5m"
     for suffix in (".ply", ".stl", ".obj", ".vtp"):
         dn.write_mesh(mesh, tmp_path / f"a{suffix}")
@@ -580,10 +580,10 @@ def test_a_mesh_file_is_in_millimetres(tmp_path: Path) -> None:
 
 
 def test_grids_that_lie_alike_are_alike_in_any_unit() -> None:
-    assert GRID.is_like(GRID.in_unit("nm"))
-    assert GRID.in_unit("nm") != GRID
+    assert GRID.is_like(GRID.to_unit("nm"))
+    assert GRID.to_unit("nm") != GRID
     assert not GRID.is_like(dn.volume.Grid(GRID.shape, GRID.spacing, GRID.origin, unit="\u00b5m"))
-    assert GRID.in_unit("\u00b5m").in_unit("mm") == GRID
+    assert GRID.to_unit("\u00b5m").to_unit("mm") == GRID
 
 
 def test_a_nifti_code_that_is_none_is_said(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from rbf.test_cuts import MIDDLE, fitted, pushed, scattered
 from rbf.test_rigid_parts import BOX, TURN, WALL, points
 from warping.test_warper import Wave
 
-from deformnb.analysis.folds import folds_of
+from deformnb.analysis.folds import find_folds
 from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.extrusion import Extrusion, extrude, interpolate, modulate, replicate
@@ -133,13 +133,13 @@ def test_what_is_reached_is_right_and_all_is_reached_without_folds(seed: int, si
     inverse = invert(field, lattice)
     assert_certified(inverse, field)
     fine = Raster((120, 120), (2.0, 2.0), (-70, -70)) if dim == 2 else Grid((40, 40, 40), (6.0,) * 3, (-70,) * 3)
-    if folds_of(field, fine).least > 0.2:  # at nodes; a margin for places between and beyond them
+    if find_folds(field, fine).least > 0.2:  # at nodes; a margin for places between and beyond them
         assert inverse.share == 1
 
 
 def test_folded_maps_give_the_right_place_or_say_so() -> None:
     field = fit_rbf(dragged(3, 40.0), support=60.0)
-    assert folds_of(field, RASTER).share > 0.1
+    assert find_folds(field, RASTER).share > 0.1
     inverse = invert(field, RASTER)
     assert_certified(inverse, field)
     assert inverse.share > 0.9  # a continuous map that is affine far away is onto
@@ -165,7 +165,7 @@ def test_a_large_drag_in_stages_is_inverted() -> None:
         [[75, 45], [50, 75], [10, 10], [90, 90], [10, 90], [90, 10]],
     )
     field = fit_points(given, stages=16, support=50.0)
-    assert folds_of(field, RASTER).share == 0
+    assert find_folds(field, RASTER).share == 0
     inverse = invert(field, RASTER)
     assert inverse.share == 1
     assert_certified(inverse, field)
@@ -234,7 +234,7 @@ def test_an_inverse_of_an_inverse_is_the_field() -> None:
     fit = fit_rbf(dragged(1, 1.0), support=60.0)
     fine = Raster((150, 150), (1.0, 1.0), (-25.0, -25.0))
     back = invert(invert(fit, fine).field, RASTER)
-    oracle.assert_close(back.field.values, np.moveaxis(fit.on_raster(RASTER), 0, -1), atol=0.02)
+    oracle.assert_close(back.field.values, np.moveaxis(fit.sample_on_raster(RASTER), 0, -1), atol=0.02)
 
 
 # ---- cuts ------------------------------------------------------------------------------------------------------------

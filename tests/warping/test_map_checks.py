@@ -169,7 +169,7 @@ def test_values_between_labels_that_are_not_declared_are_counted() -> None:
     assert str(caught[0].message).startswith(f"{count} values that")
     plain = Volume(labels, Grid(labels.shape))
     assert any(note.startswith(f"{count} values") for note in drag.apply(plain).notes)
-    assert not any("made up" in note for note in drag.apply(undecided.decided(True)).notes)
+    assert not any("made up" in note for note in drag.apply(undecided.mark_labels(True)).notes)
     assert not any("made up" in note for note in drag.apply(BODY).notes)
 
 

@@ -61,7 +61,9 @@ def test_front_ends_send_what_the_channels_hold() -> None:
         if path.relative_to(SOURCES).parts[0] not in ("standalone.ts", "app"):
             text = path.read_text(encoding="utf-8")
             sent |= set(re.findall(r'(?:send|post)\((?:"\w+", )?\{[^}]*?\btype: "(\w+)"', text))
-    assert sent | {"size"} == {message.tag() for channel in CHANNELS for message in channel.received}  # by a variable
+    assert sent | {"size"} == {
+        message.tag() for channel in CHANNELS for message in channel.incoming_records
+    }  # by a variable
 
 
 def test_python_sends_what_the_channels_hold() -> None:

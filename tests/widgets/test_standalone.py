@@ -130,7 +130,7 @@ def test_the_field_is_that_of_the_view_but_for_what_the_page_fits_itself() -> No
     planar, space = message["content"]["planar"], message["content"]["space"]
     maps, weights, samples = (np.frombuffer(binary(b), "<f4") for b in message["buffers"])
     now = both.with_step(1, other.steps[0].with_points(points(), 1))  # the editor's points have gone on since
-    fresh = field_textures(now.field(GRID), view.source.shown, None, 192, 48)  # type: ignore[arg-type]
+    fresh = field_textures(now.field(GRID), view.source.voxels, None, 192, 48)  # type: ignore[arg-type]
     expected = [np.frombuffer(b, "<f4") for b in fresh.buffers]
     halves = maps.reshape(2, -1), expected[0].reshape(2, -1)
     assert np.abs(halves[1][0]).max() > 1

@@ -52,7 +52,7 @@ class Page:
 
 
 @pytest.fixture(params=MAKERS)
-def made(request: Any) -> Any:
+def widget_and_trait(request: Any) -> Any:
     make, name, value = MAKERS[request.param]
     widget = make()
     yield widget, name, value
@@ -60,9 +60,9 @@ def made(request: Any) -> Any:
 
 
 def test_a_trait_that_another_thread_sets_while_held_ones_are_sent_reaches_the_page(
-    made: Any, monkeypatch: pytest.MonkeyPatch
+    widget_and_trait: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    widget, page = made[0], Page(made[0], monkeypatch)
+    widget, page = widget_and_trait[0], Page(widget_and_trait[0], monkeypatch)
 
     are_sent = threading.Event()
 
@@ -85,11 +85,11 @@ def test_a_trait_that_another_thread_sets_while_held_ones_are_sent_reaches_the_p
     assert page.traits["tooltip"] == "two"
 
 
-@pytest.mark.parametrize("made", [name for name, (_, trait, _) in MAKERS.items() if trait], indirect=True)
+@pytest.mark.parametrize("widget_and_trait", [name for name, (_, trait, _) in MAKERS.items() if trait], indirect=True)
 def test_the_page_is_told_last_what_python_holds_though_both_have_set_it_at_once(
-    made: Any, monkeypatch: pytest.MonkeyPatch
+    widget_and_trait: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    widget, name, value = made
+    widget, name, value = widget_and_trait
     page = Page(widget, monkeypatch)
     page.traits[name] = value  # it has set it, and shows it
     page.meanwhile = lambda: widget.set_trait(name, OTHERS[name])  # after the answer, before the value is taken
@@ -99,8 +99,10 @@ def test_the_page_is_told_last_what_python_holds_though_both_have_set_it_at_once
     assert page.traits[name] == widget.get_state(name)[name]
 
 
-def test_a_page_that_sets_a_trait_alone_is_answered_once(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    widget, name, value = made
+def test_a_page_that_sets_a_trait_alone_is_answered_once(
+    widget_and_trait: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    widget, name, value = widget_and_trait
     told: list[str] = []
     monkeypatch.setattr(widget, "_send", lambda message, buffers=None: told.append(message["method"]))
     with suppress(traitlets.TraitError):

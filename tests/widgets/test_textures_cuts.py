@@ -28,7 +28,7 @@ from deformnb.widgets.textures import (
     cut_chain,
     cut_plane,
     cut_raster,
-    differ_only_in,
+    differ_in_one_map,
     field_textures,
     space_layers,
     with_still_regions,
@@ -57,7 +57,7 @@ def textures_of(field: AbstractField) -> FieldTextures:
     return field_textures(field, packed(), None, 64, 16)
 
 
-def at_nodes(content: dict[str, Any], shape: list[int]) -> np.ndarray:
+def node_places(content: dict[str, Any], shape: list[int]) -> np.ndarray:
     b, a = np.meshgrid(
         *(content["origin"][k] + content["spacing"][k] * np.arange(shape[-1 - k]) for k in (1, 0)), indexing="ij"
     )
@@ -72,7 +72,7 @@ def test_every_region_has_its_maps_and_one_without_points_stays() -> None:
     # Left of the line, right of it, and the box on the right; its fourth combination is nowhere in the picture.
     assert planar["cut"]["sides"] == [[False, False], [True, False], [True, True]]
     layers = np.frombuffer(maps.buffer("maps"), "<f4").reshape(planar["shape"] + [2])
-    nodes = at_nodes(planar, planar["shape"])
+    nodes = node_places(planar, planar["shape"])
     for side, layer in zip(planar["cut"]["sides"], layers, strict=True):
         moved = dict(zip(field.sides, field.fields, strict=True)).get(tuple(side))
         wanted = 0.0 if moved is None else moved.maps[0].displacement(nodes)
@@ -83,7 +83,7 @@ def test_distances_are_those_of_the_cuts_around_the_whole_picture() -> None:
     maps = textures_of(step(cuts=(CUT, BESIDE), cut_rule="paper").field(GRID))
     cut = maps.content.planar["cut"]
     far = np.frombuffer(maps.buffer("distances"), "<f4").reshape(cut["shape"])
-    nodes = at_nodes(cut, cut["shape"])
+    nodes = node_places(cut, cut["shape"])
     for layer, one in zip(far, (CUT, BESIDE), strict=True):
         np.testing.assert_allclose(layer, one.region.signed_distance(nodes), atol=1e-4)
     box = PLANE.to_plane(GRID.corners())[:, :2]
@@ -225,11 +225,11 @@ def test_a_map_is_replaced_in_every_region_and_others_are_left() -> None:
 
 def test_a_page_that_divides_the_map_itself_needs_nothing() -> None:
     whole, cut = step(cuts=()).field(GRID), step().field(GRID)
-    assert differ_only_in(0, cut, step(cuts=(BESIDE,)).field(GRID))
-    assert differ_only_in(0, whole, cut)
+    assert differ_in_one_map(0, cut, step(cuts=(BESIDE,)).field(GRID))
+    assert differ_in_one_map(0, whole, cut)
     keys = {"maps": (POINTS, POINTS), "extrusion": "interpolate", "knots": (0.0, 1.0)}
-    assert not differ_only_in(0, step(**keys).field(GRID), step(**keys, cut_rule="paper").field(GRID))
-    assert not differ_only_in(0, cut, step(plane=Plane.from_view(GRID, "-y")).field(GRID))
+    assert not differ_in_one_map(0, step(**keys).field(GRID), step(**keys, cut_rule="paper").field(GRID))
+    assert not differ_in_one_map(0, cut, step(plane=Plane.from_view(GRID, "-y")).field(GRID))
 
 
 _FILES = (

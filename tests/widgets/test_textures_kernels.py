@@ -39,7 +39,7 @@ def test_the_map_of_a_picture_is_that_of_the_fit(kernel: str, trend: str) -> Non
     assert planar is not None
     _, rows, columns = planar["shape"]
     found = np.frombuffer(made.buffer("maps"), "<f4").reshape(rows, columns, 2)
-    wanted = field.maps[0].on_raster(Raster((rows, columns), tuple(planar["spacing"]), tuple(planar["origin"])))
+    wanted = field.maps[0].sample_on_raster(Raster((rows, columns), tuple(planar["spacing"]), tuple(planar["origin"])))
     np.testing.assert_allclose(found, np.moveaxis(wanted, 0, -1), atol=1e-5 * max(1.0, np.abs(wanted).max()))
 
 

@@ -190,11 +190,11 @@ def test_a_thread_that_is_kept_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.001)
     asked: list[bool] = []
 
-    def is_kept() -> bool:
+    def is_needed() -> bool:
         asked.append(len(asked) < 5)
         return asked[-1]
 
-    worker = Worker(is_kept=is_kept)
+    worker = Worker(is_needed=is_needed)
     thread = worker.call(threading.current_thread).result(PATIENCE)
     wait_for(lambda: not thread.is_alive())
     assert asked == [True] * 5 + [False]

@@ -166,7 +166,7 @@ def write_landmarks(landmarks: LandmarksLike, path: str | os.PathLike[str], *, o
                 "no room for an open one; leave it out, or write a .csv.",
             )
     with atomic_write(place, overwrite=overwrite) as file:
-        file.write(row.write(landmarks.in_unit(row.unit)).encode("utf-8"))
+        file.write(row.write(landmarks.to_unit(row.unit)).encode("utf-8"))
 
 
 def check_landmark_target(path: Path) -> LandmarkFormat:

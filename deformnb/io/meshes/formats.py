@@ -145,7 +145,7 @@ def write_mesh(mesh: MeshLike, path: str | os.PathLike[str], *, overwrite: bool 
     place, mesh = as_path(path), as_mesh(mesh)
     row = check_mesh_target(place)
     with atomic_write(place, overwrite=overwrite) as file:
-        row.write(mesh.in_unit("mm"), file)
+        row.write(mesh.to_unit("mm"), file)
 
 
 def check_mesh_target(path: Path) -> MeshFormat:

@@ -124,7 +124,7 @@ def write_displacements(
     if path.suffix.lower() in (".nhdr", ".mhd"):
         whole = ".nrrd" if path.suffix.lower() == ".nhdr" else ".mha"
         raise fail(path, f"a transform is one file; write it as {whole}.")
-    image = to_itk_image(sitk, DisplacementField(field.on_grid(grid), grid))
+    image = to_itk_image(sitk, DisplacementField(field.sample_on_grid(grid), grid))
     image.SetMetaData("ITK_FileNotes", remark[:_NOTE])
     image.SetMetaData("deformnb_transform", remark)
     write_by_name(path, lambda file: sitk.WriteImage(image, file, True), overwrite=overwrite)

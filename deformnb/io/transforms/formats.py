@@ -36,7 +36,7 @@ from deformnb.rbf.fields import (
     Identity,
     as_transform_field,
     convert_unit,
-    in_unit,
+    to_unit,
     with_unit,
 )
 from deformnb.rbf.interpolant import RBFInterpolant
@@ -177,8 +177,8 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None 
         if row.states_unit:
             field = row.read(place, lattice)
         else:
-            field = with_unit(row.read(place, None if lattice is None else lattice.in_unit("mm")), "mm")
-        return field if lattice is None else in_unit(field, lattice.unit)
+            field = with_unit(row.read(place, None if lattice is None else lattice.to_unit("mm")), "mm")
+        return field if lattice is None else to_unit(field, lattice.unit)
 
 
 def is_transform_file(path: str | os.PathLike[str]) -> bool:
@@ -334,7 +334,7 @@ def _write(
     assert row is not None
     assert row.write is not None
     if grid.unit and not row.states_unit:
-        field, grid = convert_unit(field, grid.unit, "mm"), grid.in_unit("mm")
+        field, grid = convert_unit(field, grid.unit, "mm"), grid.to_unit("mm")
     row.write(field, path, grid, remark, overwrite, progress)
 
 

@@ -42,7 +42,7 @@ def sample_parts(
             reach = reach + longest @ np.abs(np.asarray(grid.direction))
         else:
             lattice = _pad(grid, reach)
-            values = part.on_grid(lattice).astype(np.float64)
+            values = part.sample_on_grid(lattice).astype(np.float64)
             found.append(DisplacementField(values, lattice))
             reach = reach + np.abs(values.reshape(-1, 3) @ np.asarray(grid.direction)).max(axis=0)
         if progress is not None:

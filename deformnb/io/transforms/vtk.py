@@ -46,7 +46,7 @@ def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | VolumeLik
     (1.0, 1.0, 6.0)
     """
     own = as_grid(grid)
-    lattice = own.in_unit("mm")
+    lattice = own.to_unit("mm")
     field = convert_unit(as_transform_field(transform, own), own.unit, lattice.unit)
     pyvista, vtk = optional_package("pyvista"), optional_package("vtkmodules.vtkFiltersHybrid")
     turned = np.asarray(lattice.direction)
@@ -55,7 +55,7 @@ def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | VolumeLik
     image = pyvista.ImageData(
         dimensions=(nx, ny, nz), spacing=lattice.spacing, origin=lattice.origin if plain else (0.0, 0.0, 0.0)
     )
-    image.point_data["displacement"] = (field.on_grid(lattice) @ turned).reshape(-1, 3)
+    image.point_data["displacement"] = (field.sample_on_grid(lattice) @ turned).reshape(-1, 3)
     image.point_data.active_scalars_name = "displacement"
     made = vtk.vtkGridTransform()
     made.SetDisplacementGridData(image)
@@ -84,4 +84,4 @@ def write_vti_field(
 ) -> None:
     """Write the displacements at the voxels of a grid, float32, as vectors named displacement_backward or _forward."""
     name = f"displacement_{remark.partition(':')[0]}"
-    write_vectors(field.on_grid(grid), grid, name, remark, path, overwrite, progress)
+    write_vectors(field.sample_on_grid(grid), grid, name, remark, path, overwrite, progress)

@@ -183,7 +183,7 @@ def supported_suffixes() -> str:
     return ", ".join(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
 
 
-def format_of(path: Path, *, writing: bool = False) -> tuple[str, Format]:
+def find_format(path: Path, *, writing: bool = False) -> tuple[str, Format]:
     """Name and row of the format of a path, by its suffix.
 
     Raises
@@ -236,7 +236,7 @@ def read_any_header(path: Path, series: str | int | None = None, uneven_slices: 
         if any(file.suffix.lower() in tiff.TIFF_SUFFIXES for file in path.iterdir()):
             return "tiff", tiff.read_folder_header(path)
         raise fail(path, "this folder holds neither a DICOM series nor TIFF slices nor Zarr arrays; name a file.")
-    name, entry = format_of(path)
+    name, entry = find_format(path)
     regular_file(path)
     return name, dicom.read_header(path, series, uneven_slices) if name == "dicom" else entry.header(path)
 
@@ -360,10 +360,10 @@ def write_volume(
     (2, 3, 4)
     """
     place, volume = as_path(path), as_volume(volume)
-    _, entry = format_of(place, writing=True)
+    _, entry = find_format(place, writing=True)
     check_target(place, overwrite=overwrite, folder_marks=entry.folder_marks)
     assert entry.write is not None
-    entry.write(volume.in_unit(entry.written_unit(volume.grid.unit)), place, overwrite, progress)
+    entry.write(volume.to_unit(entry.written_unit(volume.grid.unit)), place, overwrite, progress)
 
 
 def describe_file(

@@ -134,7 +134,7 @@ def write_segmentation(
     if not is_segmentation_file(like):
         raise fail(like, "it is no segmentation of 3D Slicer (.seg.nrrd), whose segments have names.")
     check_target(path, overwrite=overwrite)
-    nrrd.write_segmentation(volume.in_unit("mm"), path, segment_keys(like), overwrite, progress)
+    nrrd.write_segmentation(volume.to_unit("mm"), path, segment_keys(like), overwrite, progress)
 
 
 def _table(text: str) -> dict[int, str]:

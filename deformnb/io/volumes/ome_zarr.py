@@ -104,14 +104,14 @@ class Level:
     others: tuple[str, ...] = ()
 
     @property
-    def stored(self) -> tuple[int, ...]:
+    def storage_shape(self) -> tuple[int, ...]:
         """Voxels along each axis of the array that are stored together: of a chunk, or of a shard of chunks."""
         return tuple(getattr(self.array, "shards", None) or self.array.chunks)
 
     @property
     def chunk_bytes(self) -> int:
         """Bytes of one chunk when it is unpacked; of one shard where chunks are in shards."""
-        return math.prod(self.stored) * int(self.array.dtype.itemsize)
+        return math.prod(self.storage_shape) * int(self.array.dtype.itemsize)
 
     @property
     def chunks(self) -> tuple[int, int, int]:
@@ -130,7 +130,7 @@ class Level:
 
     def present(self) -> NDArray[np.bool_] | None:
         """Mask of the stored chunks that exist, along z, y and x; None where they are not counted."""
-        grid = [-(-n // size) for n, size in zip(self.array.shape, self.stored, strict=True)]
+        grid = [-(-n // size) for n, size in zip(self.array.shape, self.storage_shape, strict=True)]
         counted = [1 if isinstance(one, int) else n for one, n in zip(self.index, grid, strict=True)]
         if math.prod(counted) > _MOST_COUNTED or not self.path.is_dir():
             return None
@@ -138,7 +138,7 @@ class Level:
         for at in np.ndindex(*counted):
             key = [
                 one // size if isinstance(one, int) else k
-                for one, size, k in zip(self.index, self.stored, at, strict=True)
+                for one, size, k in zip(self.index, self.storage_shape, at, strict=True)
             ]
             found[at] = (self.path / self.array.metadata.encode_chunk_key(tuple(key))).exists()
         axes = [k for axis in "zyx" for k, one in enumerate(self.index) if one == axis]
@@ -553,7 +553,7 @@ def _blocks(parts: list[Level], depth: int, found: list[NDArray[np.bool_] | None
     """The slabs of each part; one without any chunk is filled and not read."""
     for level, present in zip(parts, found, strict=True):
         nz, ny, nx = level.grid.shape
-        stored = dict(zip(level.index, level.stored, strict=True)).get("z", 1)
+        stored = dict(zip(level.index, level.storage_shape, strict=True)).get("z", 1)
         for start in range(0, nz, depth):
             end = min(start + depth, nz)
             if present is not None and not present[start // stored : -(-end // stored)].any():

@@ -26,7 +26,7 @@ from deformnb.io.files.streams import compress
 from deformnb.io.volumes import images, metaimage, nifti, nrrd, ome_zarr, tiff
 from deformnb.io.volumes.formats import (
     existing_path,
-    format_of,
+    find_format,
     plain_name,
     read_any_header,
     replace_unit,
@@ -244,14 +244,14 @@ def write_series(
     True
     """
     target = as_path(path)
-    kind, entry = format_of(target, writing=True)
+    kind, entry = find_format(target, writing=True)
     check_target(target, overwrite=overwrite)
     if isinstance(moments, Volume | Channels | str | os.PathLike) or not isinstance(moments, Iterable):
         raise DeformError(f"moments are a list of channels, got {short_value(moments)}; write_channels writes one.")
 
     def convert_unit(moment: ChannelsLike) -> Channels:
         channels = as_channels(moment)
-        return channels.in_unit(entry.written_unit(channels.grid.unit))
+        return channels.to_unit(entry.written_unit(channels.grid.unit))
 
     queue: Iterator[Channels] = map(convert_unit, moments)
     first = next(queue, None)

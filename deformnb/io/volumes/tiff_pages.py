@@ -152,7 +152,7 @@ class PageCodec:
         """Bytes of so many rows of a part before they are packed: every row begins with a whole byte."""
         return rows * (-(-self.width * self.samples * self.bits // 8))
 
-    def unpacked(self, data: bytes, rows: int, seen: tuple[int, int]) -> NDArray[Any]:
+    def unpack(self, data: bytes, rows: int, seen: tuple[int, int]) -> NDArray[Any]:
         """A part [y, x, sample] of so many rows; of a picture at the border only the ``seen`` part may be stored."""
         expected = self.packed_bytes(rows)
         try:
@@ -276,7 +276,7 @@ class Page:
             file.seek(int(offset))
             # Of plain voxels one byte more than there should be is enough to see that there are too many.
             most = self.codec.packed_bytes(lines) + 1 if self.codec.compression == 1 else int(count)
-            block = self.codec.unpacked(file.read(min(int(count), most)), lines, (bottom - top, right - left))
+            block = self.codec.unpack(file.read(min(int(count), most)), lines, (bottom - top, right - left))
             target = out[
                 max(top, y0) - y0 : min(bottom, y1) - y0,
                 max(left, x0) - x0 : min(right, x1) - x0,

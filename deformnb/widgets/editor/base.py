@@ -316,7 +316,7 @@ class EditedPoints(SyncedWidget):
     # ---- traits -----------------------------------------------------------------------------------------------------
 
     @traitlets.observe("points")
-    def _ids_never_come_back(self, change: Any) -> None:
+    def _raise_next_id(self, change: Any) -> None:
         self.next_id = max(self.next_id, change["new"].next_id)
 
     @traitlets.observe("points", "settings")

@@ -49,7 +49,7 @@ from deformnb.widgets.messages.editors import (
     ShowPoint,
     WandRequest,
 )
-from deformnb.widgets.messages.shapes import ShapesTrait, followed, place_of, shapes_to_json
+from deformnb.widgets.messages.shapes import ShapesTrait, place_of, shapes_to_json, track_index
 from deformnb.widgets.messages.traits import OVERLAYS
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.view.base import PlanarFit
@@ -316,10 +316,10 @@ class Editor(EditedPoints):
         DeformError
             If the points cannot be fitted; the front end shows the same message.
         """
-        self._previous = self.fitting()(self.points, self._previous)
+        self._previous = self.current_fit()(self.points, self._previous)
         return self._previous
 
-    def fitting(self) -> PlanarFit:
+    def current_fit(self) -> PlanarFit:
         """The current fit of the points, for a view that follows the editor from another thread."""
         return PlanarFit(
             self.settings,
@@ -427,7 +427,7 @@ class Editor(EditedPoints):
                 callback(message)
 
     @traitlets.validate("chosen_shape")
-    def _a_shape_that_is_there(self, proposal: Any) -> dict[str, Any]:
+    def _valid_shape(self, proposal: Any) -> dict[str, Any]:
         value = dict(proposal["value"])
         count = len(getattr(self, value["what"])) if value.get("what") in ("cuts", "parts") else 0
         if value and not (set(value) == {"what", "index"} and value["index"] in range(count)):
@@ -441,7 +441,7 @@ class Editor(EditedPoints):
     def _follow_the_chosen_shape(self, change: Any) -> None:
         chosen = self.chosen_shape
         if chosen and chosen["what"] == change["name"]:
-            place = followed(change["old"], change["new"], chosen["index"])
+            place = track_index(change["old"], change["new"], chosen["index"])
             self.choose(None if place is None else chosen["what"], place or 0)
 
     @traitlets.validate("uncertainty_facts")

@@ -32,7 +32,7 @@ from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell, with_png
 from deformnb.widgets.editor.base import SPACE_TRAITS, EditedPoints, PointsTrait
-from deformnb.widgets.editor.space_slices import SLICE_PROJECTIONS, Shown, SpacePictures, folding, shapes_on
+from deformnb.widgets.editor.space_slices import SLICE_PROJECTIONS, Shown, SpacePictures, shapes_on, slice_folds
 from deformnb.widgets.messages.editors import (
     SPACE_EDITOR,
     FromWindow,
@@ -400,7 +400,7 @@ class SpaceEditor(EditedPoints):
             images = self._images(None if self.shows_original else field, is_moving, all_of_them=view is not None)
             facts = dict(self._last.facts)
             if not is_moving and field is not None:
-                found = folding(field, self.volume.grid)
+                found = slice_folds(field, self.volume.grid)
                 facts |= {"folds": (found.least, found.share), "worst": found.place}
         except Exception as error:  # in a separate thread nothing else would report it
             _LOG.exception("pictures could not be made")

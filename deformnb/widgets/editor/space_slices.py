@@ -13,7 +13,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.analysis.folds import Folds, folds_of
+from deformnb.analysis.folds import Folds, find_folds
 from deformnb.checks import check_window
 from deformnb.document.deformation import Step
 from deformnb.imaging.projection import project
@@ -246,7 +246,7 @@ def _grey(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
     return np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
 
 
-def folding(field: AbstractField, grid: Grid) -> Folds:
+def slice_folds(field: AbstractField, grid: Grid) -> Folds:
     """The smallest factor by which a field stretches volumes, where that is, and the share of places where it folds.
 
     On a coarse lattice: it finds folds of a tenth of the volume, not those between two nodes.
@@ -263,4 +263,4 @@ def folding(field: AbstractField, grid: Grid) -> Folds:
     lattice = replace(
         grid, shape=(int(counts[2]), int(counts[1]), int(counts[0])), spacing=tuple(spacing), origin=tuple(first)
     )
-    return folds_of(field, lattice)
+    return find_folds(field, lattice)

@@ -256,7 +256,7 @@ class CurveEditor(AbstractEdited):
         return edit.curve
 
     @traitlets.observe("curve", "smooth")
-    def _on_change(self, change: Any) -> None:
+    def _handle_change(self, change: Any) -> None:
         if self._nodes is not None and change["name"] == "smooth":
             self.curve = _Edit(self._nodes, self.smooth, "").curve
         elif isinstance(self.curve, str):

@@ -134,7 +134,7 @@ class DepthKeys(AbstractEdited):
         return index
 
     @traitlets.observe("knots", "selected")
-    def _on_change(self, _change: Any) -> None:
+    def _handle_change(self, _change: Any) -> None:
         self.selected = min(self.selected, len(self.knots) - 1)
         self._show()
 

@@ -144,7 +144,7 @@ class GridDrawing(AbstractEdited):
         return edit.nodes
 
     @traitlets.observe("nodes")
-    def _on_change(self, _change: Any) -> None:
+    def _handle_change(self, _change: Any) -> None:
         self._show()
 
     def _show(self) -> None:

@@ -183,7 +183,7 @@ class TransferEditor(AbstractEdited):
         return self._named[0] if self._named is not None and self._named[1] == self.transfer else ""
 
     @traitlets.observe("transfer")
-    def _on_change(self, _change: Any) -> None:
+    def _handle_change(self, _change: Any) -> None:
         self._show()
 
     def _show(self) -> None:

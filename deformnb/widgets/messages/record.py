@@ -161,14 +161,14 @@ class Channel(Generic[_M]):
     answered_by: type[Struct] | None = None
 
     @property
-    def received(self) -> tuple[type[Message], ...]:
+    def incoming_records(self) -> tuple[type[Message], ...]:
         """The records of :attr:`to_python`, one by one."""
         return get_args(self.to_python) or (() if self.to_python is None else (self.to_python,))
 
     @property
     def all(self) -> tuple[type[Message], ...]:
         """The records of both directions."""
-        return (*self.received, *self.to_front_end)
+        return (*self.incoming_records, *self.to_front_end)
 
     def read(self, content: Any, buffers: Any = ()) -> _M | Refused:
         """A message that has arrived, checked."""
@@ -183,7 +183,7 @@ class Channel(Generic[_M]):
     def _address(self, content: Any) -> dict[str, Any]:
         if self.answered_by is None or not isinstance(content, dict):
             return {}
-        if content.get("type") not in [record.tag() for record in self.received]:
+        if content.get("type") not in [record.tag() for record in self.incoming_records]:
             return {}
         try:
             return dict(msgspec.structs.asdict(convert(content, self.answered_by)))

@@ -32,12 +32,12 @@ def fields(record: type) -> Iterator[tuple[str, Any, bool]]:
             )
     else:
         for name, hint in hints.items():
-            yield name, hint, _may_miss(hint)
+            yield name, hint, _is_optional(hint)
 
 
-def _may_miss(hint: Any) -> bool:
+def _is_optional(hint: Any) -> bool:
     """Check whether a key of a dictionary is marked; its own list of keys knows no annotations that are text."""
-    return get_origin(hint) is NotRequired or (get_origin(hint) is Annotated and _may_miss(hint.__origin__))
+    return get_origin(hint) is NotRequired or (get_origin(hint) is Annotated and _is_optional(hint.__origin__))
 
 
 def metas(hint: Any) -> tuple[Any, tuple[Meta, ...]]:

@@ -144,7 +144,7 @@ def _fits(shape: Any, described: Any) -> bool:
     return bool(shape == described)
 
 
-def followed(before: Sequence[Any], after: Sequence[Any], index: int) -> int | None:
+def track_index(before: Sequence[Any], after: Sequence[Any], index: int) -> int | None:
     """Index of a shape after an edit of the list, from that before; None if it is gone.
 
     A shape is the same if it is equal, or the only one that was changed. shapes.js follows by the same rule.

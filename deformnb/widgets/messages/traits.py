@@ -61,7 +61,7 @@ def _is_id(value: Any) -> bool:
 
 
 @contextmanager
-def dropping(what: str) -> Iterator[None]:
+def log_mistakes(what: str) -> Iterator[None]:
     """Take a message of a front end: a mistake is logged and dropped, never raised into the front end's channel."""
     try:
         yield
@@ -77,7 +77,7 @@ def take_traits(said: Any, of_page: Collection[str], put: Callable[[dict[str, An
     said : values by name; of_page : the names a front end may decide on.
     """
     for name, value in dict(said).items():
-        with dropping("a trait"):
+        with log_mistakes("a trait"):
             if name not in of_page:
                 raise ValueError(f"the page does not decide on {str(name)[:LONGEST_NAME]!r}")
             put({name: value})

@@ -49,7 +49,7 @@ _ROUNDING = 0.501  # of a slider's step
 _SHOWN_SHARE = 0.01  # of work, by which a bar grows
 
 
-def raising(error: Exception) -> Callable[[], None]:
+def error_action(error: Exception) -> Callable[[], None]:
     """An action that raises an error: a guard shows it as it shows those of other actions."""
 
     def action() -> None:
@@ -268,7 +268,7 @@ class Panel:
     def arrange(self) -> None:
         """Show or hide what depends on the session, and fill the menus."""
 
-    def opened(self, is_open: bool) -> None:
+    def handle_visibility(self, is_open: bool) -> None:
         """Called when the panel is shown, and when it is hidden."""
 
     def close(self) -> None:
@@ -331,10 +331,10 @@ class LatePanel(Generic[_AnyPanel]):
         """Bring the panel into view."""
         self.unfold()
 
-    def opened(self, is_open: bool) -> None:
+    def handle_visibility(self, is_open: bool) -> None:
         """Called when the place is shown, and when it is hidden."""
         if is_open or self.made is not None:
-            self.panel.opened(is_open)
+            self.panel.handle_visibility(is_open)
 
 
 class PicturePanel(Panel):
@@ -427,7 +427,7 @@ class ChannelsPanel(Panel):
     def __init__(self, session: Session, guard: Guard) -> None:
         super().__init__(session, guard)
         assert session.channels is not None
-        self.rows = [self._row(k, volume) for k, volume in enumerate(session.channels.coloured)]
+        self.rows = [self._row(k, volume) for k, volume in enumerate(session.channels.coloured_channels)]
         words = basic.HTML(
             "The picture adds the channels up in Maximum, Mean and Slice; the volume shows how "
             "bright they are together."

@@ -359,15 +359,15 @@ class StudioEdits:
         self.counts = {"edits": 0, "refused": 0, "late": 0}
         self.milliseconds: float | None = None
 
-    def take_edits_from(self, editors: StudioEditors, picture: StudioPicture) -> None:
+    def take_edits(self, editors: StudioEditors, picture: StudioPicture) -> None:
         """Take edits from these editors, as long as they show the picture that belongs to them."""
         self._editors, self._picture = editors, picture
 
-    def edited(self, action: Callable[[], None]) -> bool:
+    def apply_edit(self, action: Callable[[], None]) -> bool:
         """Apply a request of the user, by an editor or by a control; the report of the edit before goes."""
         self._words.show("")
         before, start = self._session.editing.deformation, time.perf_counter()
-        is_done = self._words.guarded(action)
+        is_done = self._words.run_guarded(action)
         if self._session.editing.deformation is not before:  # much that is requested edits nothing
             self.milliseconds = (time.perf_counter() - start) * 1e3
             self._timed()
@@ -411,7 +411,7 @@ class StudioEdits:
             self.counts["late"] += 1  # a drag on a picture that is being replaced
             self._picture.request()
             return
-        if not self.edited(edit):
+        if not self.apply_edit(edit):
             self.counts["refused"] += 1
             self._editors.show_step()
         self.counts["edits"] += 1

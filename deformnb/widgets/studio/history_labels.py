@@ -95,7 +95,7 @@ def go_to(session: Session, state: int, *, recovery: Recovery | None = None) -> 
         If there is no such state any more.
     """
     if state < 0 and recovery is not None:
-        recovery.go_back(-1 - state)
+        recovery.resume(-1 - state)
         session.editing.notice = "As an earlier session has left it; undo leads back."
         return
     label = session.editing.go_to(state)
@@ -109,7 +109,7 @@ def history_rows(
 
     Earlier sessions come last; their ids are -1, -2 and so on.
     """
-    rows, done = tree_rows(nodes), _done(nodes)
+    rows, done = tree_rows(nodes), _applied_states(nodes)
     return (
         [history_row(node, depth, node.id in done) for node, depth in rows]
         + [_earlier_row(k, entry) for k, entry in enumerate(earlier)],
@@ -156,7 +156,7 @@ def tree_rows(nodes: Sequence[HistoryNode]) -> list[tuple[HistoryNode, int]]:
     return rows
 
 
-def _done(nodes: Sequence[HistoryNode]) -> set[int]:
+def _applied_states(nodes: Sequence[HistoryNode]) -> set[int]:
     """The states that made the current one: itself and those before it."""
     parents = {node.id: node.parent for node in nodes}
     at, done = next((node.id for node in nodes if node.is_current), None), set[int]()

@@ -162,23 +162,23 @@ class StudioPanels:
         return self.menus["history"][0]
 
     @property
-    def existing(self) -> list[Panel]:
+    def loaded_panels(self) -> list[Panel]:
         """All panels that have been made."""
         return [*self.initial, *(late.made for late in self.late if late.made is not None)]
 
     def refresh(self) -> None:
         """Show the session in all panels that have been made."""
-        for panel in self.existing:
+        for panel in self.loaded_panels:
             panel.refresh()
 
     def open_menu(self, name: str) -> None:
         """Make the panels of a menu."""
         for panel in self.menus[name]:
-            panel.opened(True)
+            panel.handle_visibility(True)
 
     def close(self) -> None:
         """End what runs of the panels; their widgets close with the boxes that they are in."""
-        for panel in self.existing:
+        for panel in self.loaded_panels:
             panel.close()
         self.wand.close()
 
@@ -237,7 +237,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
     )
 
 
-def arranged(
+def arrange(
     head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus, height: int
 ) -> list[Any]:
     """The rows of a studio: its file input, its head, the menus of that, and the body of panes and panel.
@@ -289,7 +289,7 @@ def _group(groups: Mapping[str, Sequence[Section]]) -> Tabs:
         for number, box, reference in known:
             panel = reference()
             if panel is not None:
-                panel.opened(tabs.selected == number and (not isinstance(box, Fold) or box.is_open))
+                panel.handle_visibility(tabs.selected == number and (not isinstance(box, Fold) or box.is_open))
 
     def show(number: int, box: Box) -> None:
         tabs.choose(number)

@@ -39,7 +39,7 @@ class StudioStatus:
         """Show a text in the place of the one before; an empty text shows nothing."""
         self.notice.value = as_html(text, is_error)
 
-    def guarded(self, action: Callable[[], None]) -> bool:
+    def run_guarded(self, action: Callable[[], None]) -> bool:
         """Do something that may fail, and report that in the front end; returns whether it went well."""
         try:
             action()
@@ -48,7 +48,7 @@ class StudioStatus:
             return False
         return True
 
-    def failed(self, error: Exception) -> None:
+    def report_error(self, error: Exception) -> None:
         """Report an error of a thread, which has been logged."""
         self.show(_error_text(error), is_error=True)
 

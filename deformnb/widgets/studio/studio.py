@@ -58,7 +58,7 @@ from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.parameters import PAGE_CONTROLS
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
 from deformnb.widgets.studio.head import StudioHead
-from deformnb.widgets.studio.layout import GivenVolumes, PanelParts, StudioPanels, arranged, make_panels
+from deformnb.widgets.studio.layout import GivenVolumes, PanelParts, StudioPanels, arrange, make_panels
 from deformnb.widgets.studio.save_restore import RestoreBar
 from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
@@ -318,7 +318,7 @@ class Studio(Boxes):
         """Take the parts for a session; where they cannot be made those before, if any, stay as they were."""
         before: StudioParts | None = getattr(self, "parts", None)
         words = StudioStatus()
-        worker = Worker("deformnb-studio", failed=words.failed)
+        worker = Worker("deformnb-studio", failed=words.report_error)
         ends: list[Callable[[], None]] = [worker.close]
         is_whole = threading.Event()
         worker.call(is_whole.wait)  # nothing is done for half a studio
@@ -358,7 +358,7 @@ class Studio(Boxes):
         link = StudioLink(session, view, worker)
         ends.append(link.close)
         picture = StudioPicture(session, editors, link, view, worker, undo)
-        edits.take_edits_from(editors, picture)
+        edits.take_edits(editors, picture)
         slices = StudioSlices(session, link, editors.plane, worker, editors.beside)
         ends += [slices.close, editors.close]
         opacity = TransferEditor(session.volume, session.pictures.transfer, worker=worker)
@@ -366,7 +366,7 @@ class Studio(Boxes):
         panels = make_panels(
             PanelParts(
                 session,
-                edits.edited,
+                edits.apply_edit,
                 view,
                 editors,
                 worker,
@@ -392,14 +392,14 @@ class Studio(Boxes):
         session, panels, words, edits = parts.session, parts.panels, parts.words, parts.edits
         head = StudioHead(
             session,
-            edits.edited,
+            edits.apply_edit,
             words.show,
             folder,
             parts.worker.call,
             open_menu=panels.open_menu,
             language=self._language,
         )
-        file_input, *rows = arranged(head, parts.editors, parts.view, panels, words, height)
+        file_input, *rows = arrange(head, parts.editors, parts.view, panels, words, height)
         self.parts = parts
         if before is None:
             close_earlier_of_this_cell(self)
@@ -412,7 +412,7 @@ class Studio(Boxes):
             open_former = _weakly_in_session(self, Studio._open_session, parts.worker)
             former = before.session
             panels.history.call_when_ready(lambda history: history.offer_return(former, open_former))
-        parts.bar = RestoreBar(session, edits.edited, words.show)  # finds what that one has left
+        parts.bar = RestoreBar(session, edits.apply_edit, words.show)  # finds what that one has left
         recovery = parts.bar.recovery
         panels.history.call_when_ready(lambda history: history.take_recovery(recovery))
         panels.opening.begin()
@@ -524,8 +524,8 @@ class Studio(Boxes):
         if is_labels:
             self._open_session(
                 Session(
-                    session.volume.decided(True),
-                    session.pictures.view_state.added_to(session.editing.deformation),
+                    session.volume.mark_labels(True),
+                    session.pictures.view_state.add_to(session.editing.deformation),
                     view=session.editing.plane,
                     source=source_of_labels(session.files.source),
                 )
@@ -656,7 +656,7 @@ class Studio(Boxes):
 
     def _schedule_warm_up(self) -> None:
         if isinstance(self.view, LiveView):
-            self.view.source.when_sent(_weakly_in_session(self, Studio.warm_up, self.parts.worker))
+            self.view.source.call_after_upload(_weakly_in_session(self, Studio.warm_up, self.parts.worker))
         else:
             self.warm_up()
 

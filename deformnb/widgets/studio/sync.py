@@ -143,12 +143,12 @@ class StudioSync:
 
     def _window_chosen(self, change: Any) -> None:
         window = tuple(change["new"]) or None
-        self._words.guarded(lambda: self._session.pictures.set_trait("window", window))
+        self._words.run_guarded(lambda: self._session.pictures.set_trait("window", window))
 
     def _slice_chosen(self, change: Any) -> None:
         session, slices = self._session, self._session.pictures.slices
         if session.pictures.method == "slice" and slices.index(session.pictures.depth) != change["new"]:
-            self._words.guarded(lambda: session.pictures.set_trait("depth", slices.depth(change["new"])))
+            self._words.run_guarded(lambda: session.pictures.set_trait("depth", slices.depth(change["new"])))
 
     def _depth_chosen(self, change: Any) -> None:
         session = self._session
@@ -161,7 +161,7 @@ class StudioSync:
         depth: dict[str, Any] = (
             {"extrusion": "modulate", "curve": FRONT_ONLY} if change["new"] else {"extrusion": "replicate"}
         )
-        self._edits.edited(
+        self._edits.apply_edit(
             lambda: session.editing.change("in front only" if change["new"] else "at every depth", **depth)
         )
 
@@ -169,7 +169,7 @@ class StudioSync:
         self._edits.travel(way)
 
     def _opacity_changed(self, transfer: Any, _phase: str) -> None:
-        self._words.guarded(lambda: self._session.pictures.set_trait("transfer", transfer))
+        self._words.run_guarded(lambda: self._session.pictures.set_trait("transfer", transfer))
 
     def _comparison_changed(self, _change: Any) -> None:
         self._editors.plane.shows = picture_mode(self._view.shows)
@@ -190,7 +190,7 @@ class StudioSync:
         self._slices.follow()
         self._refresh_panels()
         self.request_status()
-        self._words.guarded(lambda: self._changed(session.editing.deformation))  # observers of other cells
+        self._words.run_guarded(lambda: self._changed(session.editing.deformation))  # observers of other cells
 
     def _picture_changed(self, _change: Any = None) -> None:
         self._refresh_panels()

@@ -105,12 +105,12 @@ class StudioLink:
         if editor is self._observed:
             return
         if self._observed is not None:
-            self._observed.on_edit(self._on_move, remove=True)
+            self._observed.on_edit(self._preview_move, remove=True)
         self._observed = editor
         if editor is not None:
-            editor.on_edit(self._on_move, details=True)
+            editor.on_edit(self._preview_move, details=True)
 
-    def _on_move(self, edit: PointsEdit) -> None:
+    def _preview_move(self, edit: PointsEdit) -> None:
         if edit.phase == "move":
             self._latest(lambda: self.preview_field(edit))
 

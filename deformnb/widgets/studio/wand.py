@@ -49,7 +49,7 @@ class Wand:
         def is_open(_wand: Wand) -> bool:
             return not worker.is_closed
 
-        editor.on_wand(weakly(self, Wand._received, is_open))
+        editor.on_wand(weakly(self, Wand._take_request, is_open))
         self._observer = weakly(self, Wand._forget, is_open)
         session.editing.observe(self._observer, ["deformation", "index", "key"])
         session.pictures.observe(self._observer, ["method", "depth"])
@@ -68,7 +68,7 @@ class Wand:
             self._request = self._region = None
             self._show()
 
-    def _received(self, message: WandRequest) -> None:
+    def _take_request(self, message: WandRequest) -> None:
         if message.what == "preview":
             self._request = message
             self._worker.latest("wand", weakly(self, Wand._preview))
@@ -102,7 +102,7 @@ class Wand:
                 self._show(words="Selecting ...", share=share)
 
         try:
-            region, words = selected(self._session, request, progress)
+            region, words = select_region(self._session, request, progress)
         except Cancelled:
             return
         except DeformError as error:
@@ -114,7 +114,7 @@ class Wand:
             self._show(region=region_to_data(region), words=words)
 
 
-def selected(session: Session, request: WandRequest, progress: Progress | None = None) -> tuple[Mask, str]:
+def select_region(session: Session, request: WandRequest, progress: Progress | None = None) -> tuple[Mask, str]:
     """The region of a click on the picture, without its holes, and its range and size in words.
 
     Raises

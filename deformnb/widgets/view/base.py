@@ -28,7 +28,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, VolumeLike
-from deformnb.widgets.camera import turned
+from deformnb.widgets.camera import update_camera
 from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.messages.views import FollowData
 from deformnb.widgets.textures import MOST_MAPS, count_maps, cut_plane, equal_fields
@@ -86,7 +86,7 @@ class AbstractView(ABC):
         its own, the core fits the map anew and :meth:`show_deformation` shows it.
         """
         following, self._followed_output = self._following, output
-        if following is not None and following.goes_on(editor, index):
+        if following is not None and following.continues_map(editor, index):
             self.show_deformation(following.show(field)(), output=output)
             return
         self._stop_following()
@@ -124,7 +124,7 @@ class AbstractView(ABC):
         zoom : 1 shows the whole box, 2 half of it; None for no change.
         perspective : False for parallel rays; None for no change.
         """
-        self.camera = turned(self.camera, direction, up, zoom, perspective)
+        self.camera = update_camera(self.camera, direction, up, zoom, perspective)
 
     def link_camera(self, other: AbstractView) -> traitlets.link:
         """Turn, move and zoom another view along with this one, and this one along with it.
@@ -272,7 +272,7 @@ def check_map(field: AbstractField | None, index: int) -> None:
         raise DeformError(f"there is no map {index}; the extrusion has {count}.")
 
 
-def state_followed(editor: Any, index: int) -> FollowData:
+def followed_state(editor: Any, index: int) -> FollowData:
     """State of an editor of which a field is made, so that its front end knows whether it has gone on since."""
     shapes = ("cuts", "cut_rule", "parts")
     state = editor.get_state(["points", *shapes])
@@ -332,7 +332,7 @@ class Following:
         editor.on_edit(self._moved, details=True)
         editor.observe(self._changed, _OBSERVED)
 
-    def goes_on(self, editor: Any, index: int) -> bool:
+    def continues_map(self, editor: Any, index: int) -> bool:
         """Check whether it is this map of this editor that is followed."""
         return editor is self._editor and index == self._refit.index
 
@@ -350,7 +350,7 @@ class Following:
         self._editor.unobserve(self._changed, _OBSERVED)
 
     def _moved(self, edit: PointsEdit) -> None:
-        how = self._editor.fitting()
+        how = self._editor.current_fit()
         parts = edit.with_part(how.parts)
         self._apply(edit.points, how if parts is how.parts else replace(how, parts=parts), edit.phase)
 
@@ -362,4 +362,4 @@ class Following:
         put(partial(self._refit, points, how))
 
     def _changed(self, change: Any) -> None:
-        self._apply(self._editor.points, self._editor.fitting(), "end")
+        self._apply(self._editor.points, self._editor.current_fit(), "end")

@@ -32,7 +32,7 @@ class ShownField:
     ----------
     field : backward displacements in space, None for the volume as it is.
     output : the grid whose box is seen, None for the volume's own.
-    followed : state of the editor that moves one of its maps, of :func:`~deformnb.widgets.view.base.state_followed`.
+    followed : state of the editor that moves one of its maps, of :func:`~deformnb.widgets.view.base.followed_state`.
     moments : of an animation that a player goes through instead of the field.
     is_quick : in motion, so that a coarser one will do.
     points_editor : the editor of points in space over the view.
@@ -171,7 +171,7 @@ def _texture_frames(maps: TimeMaps, shown: PackedVolume, output: Grid | None, ma
     assert planar is not None
     (_, rows, columns), (da, db), (a, b) = planar["shape"], planar["spacing"], planar["origin"]
     raster = Raster((rows, columns), (da, db), (a, b))
-    frames = np.stack([np.moveaxis(maps.at(t).on_raster(raster), 0, -1) for t in maps.times.tolist()])
+    frames = np.stack([np.moveaxis(maps.at(t).sample_on_raster(raster), 0, -1) for t in maps.times.tolist()])
     return FieldTextures(
         structs.replace(first.content, frames={"count": len(maps), "duration": maps.duration}),
         [np.ascontiguousarray(frames, "<f4").tobytes(), first.buffers[1]],

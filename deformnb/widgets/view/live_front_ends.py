@@ -65,7 +65,7 @@ class LiveFrontEnds:
     --------
     >>> front_ends = LiveFrontEnds()
     >>> front_ends.add("a", has_card=False)
-    >>> front_ends.drawing(by_card=False), front_ends.drawing(by_card=True)
+    >>> front_ends.newest_renderer(by_card=False), front_ends.newest_renderer(by_card=True)
     ('a', None)
     """
 
@@ -98,7 +98,7 @@ class LiveFrontEnds:
         """Take the measurements of a front end."""
         self.stats = message.numbers()
 
-    def drawing(self, *, by_card: bool) -> str | None:
+    def newest_renderer(self, *, by_card: bool) -> str | None:
         """The newest front end that draws, one with a graphics card first; ``by_card``: only such a one."""
         drawing = sorted(self._drawing.items(), key=lambda item: item[1])
         return drawing[-1][0] if drawing and drawing[-1][1] >= by_card else None

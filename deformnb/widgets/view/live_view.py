@@ -50,8 +50,8 @@ from deformnb.widgets.messages.views import (
 )
 from deformnb.widgets.packed_volume import MOST_VOXELS_SENT
 from deformnb.widgets.synced import SyncedWidget, ViewMeta
-from deformnb.widgets.textures import MAP_SIZE, count_maps, differ_only_in
-from deformnb.widgets.view.base import AbstractView, check_map, state_followed
+from deformnb.widgets.textures import MAP_SIZE, count_maps, differ_in_one_map
+from deformnb.widgets.view.base import AbstractView, check_map, followed_state
 from deformnb.widgets.view.fallback import SHARED, FallbackHost, RenderedState
 from deformnb.widgets.view.field_sender import FieldSender, ShownField
 from deformnb.widgets.view.live_front_ends import LiveFrontEnds, Outbox, Screenshots
@@ -172,7 +172,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._outbox = outbox = Outbox(lambda content, buffers: self.send(content, buffers))  # noqa: PLW0108  # as it is then
         sizes = {"map_size": map_size, "space_size": space_size}
         self.source = source = PackedSource(outbox.post, limit=limit, transfer=transfer)
-        self.fields = fields = FieldSender(lambda: source.shown, outbox.post, self._lock, **sizes)
+        self.fields = fields = FieldSender(lambda: source.voxels, outbox.post, self._lock, **sizes)
         self._front_ends, self._movies, self._screenshots = LiveFrontEnds(), MovieHost(), Screenshots(outbox.post)
         self._fallback = FallbackHost(outbox.send, self._render_state, self.set_trait, self._lock, **sizes)
         self._answers: dict[type, Callable[[Any], None]] = {
@@ -183,7 +183,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             FieldSeen: fields.confirm,
             PointsFollowed: self._front_ends.follow,
             Measurements: self._front_ends.measure,
-            Closed: self._bye,
+            Closed: self._close_front_end,
             MovieFailed: self._movies.fail,
         }
         self._preview: tuple[SceneDescription, bytes] | None = None
@@ -270,14 +270,16 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """
         if editor is not None or count_maps(field) is not None:
             check_map(field, index)
-        followed = None if editor is None else state_followed(editor, index)
+        followed = None if editor is None else followed_state(editor, index)
         shown = self.fields.shown
-        goes_on = (
+        is_same_map = (
             followed is not None
             and shown.moments is None
             and (editor, index, output) == (self.editor, self.editor_map, shown.output)
         )
-        if goes_on and differ_only_in(index, shown.field, field):  # the front end made that map itself: nothing to send
+        if is_same_map and differ_in_one_map(
+            index, shown.field, field
+        ):  # the front end made that map itself: nothing to send
             self._hold(field, output, followed)
         else:
             self._take(field, output, followed)
@@ -369,7 +371,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     def _hello(self, message: LiveHello) -> None:
         self._front_ends.take_theme(message.background)
         if message.largest == 0:
-            self.source.all_sent()
+            self.source.finish_upload()
             return  # it cannot draw, and will request a server renderer
         self._front_ends.add(message.view, has_card=not message.software)
         view: str | None = message.view
@@ -383,7 +385,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._front_ends.take_theme(message.background)
         self._fallback.start(message)
 
-    def _bye(self, message: Closed) -> None:
+    def _close_front_end(self, message: Closed) -> None:
         self._front_ends.drop(message.view)
         self._movies.drop(message.view)
 
@@ -439,7 +441,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def has_page(self, *, by_card: bool = False) -> bool:
         """Check whether a client shows this view and draws it itself; ``by_card``: by a graphics card."""
-        return self._front_ends.drawing(by_card=by_card) is not None
+        return self._front_ends.newest_renderer(by_card=by_card) is not None
 
     def page_scene(
         self, volume: VolumeLike, transfer: TransferFunction, size: tuple[int, int], seen: DisplaySettings
@@ -457,7 +459,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         PageGoneError
             If no client shows this view.
         """
-        page = self._front_ends.drawing(by_card=False)
+        page = self._front_ends.newest_renderer(by_card=False)
         if page is None:
             raise PageGoneError("no page shows the view")
         self.source.ready()
@@ -472,7 +474,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = super()._repr_mimebundle_(**options)
-        return bundle if self.source.shown is None else with_png(bundle, self.preview_png)
+        return bundle if self.source.voxels is None else with_png(bundle, self.preview_png)
 
     def stats(self) -> dict[str, Any]:
         """Last measurements of the front end, and counts of sent data.
@@ -482,7 +484,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         Python ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z; and
         ``server_renderer``: measurements where Python draws for a front end that cannot.
         """
-        shown = self.source.shown
+        shown = self.source.voxels
         sent = {
             "volume_bytes": self.source.sent_bytes,
             "field_bytes": self.fields.sent_bytes,

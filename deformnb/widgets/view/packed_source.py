@@ -57,23 +57,23 @@ class PackedSource:
         self.wanted_transfer = transfer
         self._window: tuple[float, float] | None = None
         self._pieces: Pieces | None = None
-        self._when_sent: Callable[[], None] | None = None
+        self._after_upload: Callable[[], None] | None = None
         self.volume: Volume | None = None
         self.transfer: TransferFunction | None = None
         self.sent_bytes = 0
 
     @property
-    def shown(self) -> PackedVolume | None:
-        """The voxels that are shown, None before the first volume."""
+    def voxels(self) -> PackedVolume | None:
+        """The packed voxels, None before the first volume."""
         pieces = self._pieces
-        return None if pieces is None else pieces.shown
+        return None if pieces is None else pieces.volume
 
     def ready(self) -> PackedVolume:
-        """The voxels that are shown; DeformError before the first volume."""
-        shown = self.shown
-        if shown is None:
+        """The packed voxels; DeformError before the first volume."""
+        voxels = self.voxels
+        if voxels is None:
             raise DeformError("the view shows no volume yet; call show(volume) first.")
-        return shown
+        return voxels
 
     def put(self, volume: Volume, window: tuple[float, float] | None, *, all_values: bool = False) -> None:
         """Pack another volume.
@@ -86,27 +86,27 @@ class PackedSource:
         function = as_transfer(self.wanted_transfer, volume)
         values = whole_window(volume)
         narrow = None if all_values or window is not None else fine_window(function, volume, values)
-        shown = packed_volume(volume, self._limit, self._largest, narrow or window)
+        voxels = packed_volume(volume, self._limit, self._largest, narrow or window)
         if narrow is not None:
-            shown = replace(shown, share=(narrow[1] - narrow[0]) / (values[1] - values[0]))
-        self.volume, self._window, self._pieces = volume, window, Pieces(shown)
+            voxels = replace(voxels, share=(narrow[1] - narrow[0]) / (values[1] - values[0]))
+        self.volume, self._window, self._pieces = volume, window, Pieces(voxels)
 
     def needs_repacking(self, *, all_values: bool = False) -> bool:
         """Check whether the colours need other levels than the voxels have."""
-        volume, shown, function = self.volume, self.shown, self.transfer
-        if volume is None or shown is None or function is None or self._window is not None:
+        volume, voxels, function = self.volume, self.voxels, self.transfer
+        if volume is None or voxels is None or function is None or self._window is not None:
             return False
         values = whole_window(volume)
         if all_values:
-            return shown.window != values
-        return not is_fine_enough(function, volume, shown.window, values)
+            return voxels.window != values
+        return not is_fine_enough(function, volume, voxels.window, values)
 
     def restrict(self, largest: int, voxels: int) -> bool:
         """Take the limits of a GPU: voxels along an axis and in all. Returns whether the volume exceeds them."""
         if largest >= self._largest and voxels >= self._limit:
             return False
         self._largest, self._limit = min(largest, self._largest), min(voxels, self._limit)
-        grid = None if self.shown is None else self.shown.volume.grid
+        grid = None if self.voxels is None else self.voxels.volume.grid
         return grid is not None and (max(grid.shape) > largest or grid.size > voxels)
 
     def repack(self, *, all_values: bool = False) -> None:
@@ -123,35 +123,35 @@ class PackedSource:
             The colours of this volume, and their table over the levels of the voxels, float32.
         """
         self.wanted_transfer = transfer
-        if self.volume is None or self.shown is None:
+        if self.volume is None or self.voxels is None:
             return None
         function = self.transfer = as_transfer(self.wanted_transfer, self.volume)
-        table = function.table(*self.shown.window)  # alphas as they are: the front end fits them
+        table = function.table(*self.voxels.window)  # alphas as they are: the front end fits them
         return function, np.ascontiguousarray(table, "<f4").tobytes()
 
     def send(self, message: ChunkRequest) -> None:
         """Send a front end the piece that it requests, if it is one of the present volume."""
         pieces = self._pieces  # taken once: a cell may show another volume meanwhile
-        if pieces is None or message.id != pieces.shown.id:
+        if pieces is None or message.id != pieces.volume.id:
             return  # of a volume that was shown before: the front end will notice
         index = message.index
-        if index >= pieces.shown.chunks:
-            raise DeformError(f"the pieces of the volume are between 0 and {pieces.shown.chunks - 1}, not {index}.")
+        if index >= pieces.volume.chunks:
+            raise DeformError(f"the pieces of the volume are between 0 and {pieces.volume.chunks - 1}, not {index}.")
         start, packed = pieces[index]
         self.sent_bytes += len(packed)
-        self._post(Chunk(view=message.view, id=pieces.shown.id, index=index, start=start), [packed])
-        if index == pieces.shown.chunks - 1:
-            self.all_sent()
+        self._post(Chunk(view=message.view, id=pieces.volume.id, index=index, start=start), [packed])
+        if index == pieces.volume.chunks - 1:
+            self.finish_upload()
 
-    def when_sent(self, function: Callable[[], None]) -> None:
+    def call_after_upload(self, function: Callable[[], None]) -> None:
         """Call a function once when a front end has been sent all voxels, or when Python draws for one.
 
         A thread that imports modules or compiles delays the pieces of the volume.
         """
-        self._when_sent = function
+        self._after_upload = function
 
-    def all_sent(self) -> None:
+    def finish_upload(self) -> None:
         """Call what waits until a front end has all voxels."""
-        function, self._when_sent = self._when_sent, None
+        function, self._after_upload = self._after_upload, None
         if function is not None:
             function()

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from deformnb.widgets.camera import COMPARISONS, compared
+from deformnb.widgets.camera import COMPARISONS, comparison_image
 from deformnb.widgets.messages.views import Badge, Notice, TrameAddress
 from deformnb.widgets.view.transport import FrameSender
 from deformnb.widgets.vtk.render_loop import Frame
@@ -49,7 +49,7 @@ class PictureSender:
         view, number = self.shown_camera
         if self.carrier is not None and shows in COMPARISONS and len(frame.images) == 2:
             deformed, original = frame.images  # its client has no line to drag: it is in the middle
-            frame = replace(frame, images=(compared(shows, original, deformed),))
+            frame = replace(frame, images=(comparison_image(shows, original, deformed),))
         message, pictures = self.frames.pack(frame, camera=number, by=view)
         if self.carrier is None:
             self._post(message, pictures)

@@ -35,7 +35,7 @@ class SceneContent:
         """The grid whose box is seen."""
         return self.output or self.volume.grid
 
-    def put_in(self, scene: Any) -> None:
+    def apply_to(self, scene: Any) -> None:
         """Have a scene show this."""
         if scene.volume is not self.volume:
             scene.set_volume(self.volume)
@@ -74,7 +74,7 @@ class SceneHost:
         with self._lock:
             self.content = replace(self.ready(), field=field)
 
-    def _awake(self) -> SceneLoop:
+    def _wake(self) -> SceneLoop:
         self.ready()
         with self._lock:
             if self._is_closed:
@@ -85,14 +85,14 @@ class SceneHost:
 
     def do(self, function: Callable[[Any], _Result]) -> _Result:
         """Call ``function(scene)`` in the thread that draws, after all changes so far, and return its result."""
-        return self._awake().do(function).result()
+        return self._wake().do(function).result()
 
     def change(self, key: str, function: Callable[[Any], None]) -> None:
         """Change the scene by ``function(scene)`` before the next picture, instead of what waits under this key."""
         if self._is_closed:  # a front end's mouse may send events for a moment
             return
         is_visible = self._is_visible()
-        loop = self._awake() if is_visible and self.content is not None else self.loop
+        loop = self._wake() if is_visible and self.content is not None else self.loop
         if loop is not None:
             loop.change(key, function, draw=is_visible)
 

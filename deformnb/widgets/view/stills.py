@@ -25,7 +25,15 @@ from deformnb.volume.coarsening import block_means, coarser
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
-from deformnb.widgets.camera import BACKGROUNDS, COMPARISONS, INKS, camera_of, checked_camera, compared, within
+from deformnb.widgets.camera import (
+    BACKGROUNDS,
+    COMPARISONS,
+    INKS,
+    camera_of,
+    checked_camera,
+    comparison_image,
+    partial_progress,
+)
 from deformnb.widgets.image_encoding import PREVIEW_SHARE, PREVIEW_SIZE, as_png
 from deformnb.widgets.packed_volume import MOST_VOXELS_SENT, PackedVolume, factors_of, packed_volume
 from deformnb.widgets.textures import MAP_SIZE
@@ -90,7 +98,7 @@ def render_scene(
     """
 
     def draw(size: tuple[int, int], is_original: bool, start: float, end: float) -> Image:
-        return _render(scene, size, is_original, most, within(progress, start, end))
+        return _render(scene, size, is_original, most, partial_progress(progress, start, end))
 
     return _compose(scene.shows, size, draw)
 
@@ -101,7 +109,7 @@ def _compose(shows: str, size: tuple[int, int], draw: Callable[[tuple[int, int],
         return draw(size, shows == "original", 0.0, 1.0)
     (width, height), is_whole = size, shows in COMPARISONS
     left = width if is_whole else width // 2
-    return compared(
+    return comparison_image(
         shows,
         draw((left, height), True, 0.0, 0.5),
         draw((width if is_whole else width - left, height), False, 0.5, 1.0),
@@ -118,9 +126,9 @@ def _render(
     box = scene.output or scene.shown.volume.grid
     field = scene.voxel_field(is_original)
     warped = 0.0 if field is None else 0.3
-    seen = _warped_volume(scene, field, box, most, within(progress, 0.0, warped))
+    seen = _warped_volume(scene, field, box, most, partial_progress(progress, 0.0, warped))
     camera, part = camera_of(scene.camera, box, size[0] / size[1]), _part(scene)
-    background, rest = BACKGROUNDS[scene.background], within(progress, warped, 1.0)
+    background, rest = BACKGROUNDS[scene.background], partial_progress(progress, warped, 1.0)
     if scene.projection == "mip":
         return draw_core_mip(
             seen, camera, size, 255 * scene.shown.white, INKS[scene.background], background, part=part, progress=rest

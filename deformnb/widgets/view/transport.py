@@ -83,13 +83,13 @@ class FrameSender:
             self._seen[view] = max(min(number, self._number), self._seen.get(view, 0))
             return self._is_free_again()
 
-    def left(self, view: str) -> bool:
+    def remove_view(self, view: str) -> bool:
         """A front end is closed. Returns what :meth:`confirm` does."""
         with self._lock:
             self._seen.pop(view, None)
             return self._is_free_again()
 
-    def lost(self) -> None:
+    def forget_frames(self) -> None:
         """Forget the frames in flight, which nobody receives: a new front end was not there when they were sent."""
         with self._lock:
             self._sent.clear()
@@ -112,7 +112,7 @@ class FrameSender:
         return {"bytes_per_frame": self._last_bytes, "frame_bytes": self._bytes, "sent": self._number}
 
 
-def drawn(scene: LoopScene, size: tuple[int, int], shows: str, **options: Any) -> Image:
+def draw_still(scene: LoopScene, size: tuple[int, int], shows: str, **options: Any) -> Image:
     """A picture of another size than the scene's own, which stays."""
     before = scene.size
     scene.set_size(size)
@@ -128,7 +128,7 @@ def preview_png(scene: LoopScene, shows: str) -> bytes:
     """A small picture as a PNG, from fewer pixels than it has: it must not hold up its cell."""
     from PIL import Image as Pillow
 
-    few = Pillow.fromarray(drawn(scene, PREVIEW_SIZE, shows, scale=PREVIEW_SHARE, coarseness=2.0))
+    few = Pillow.fromarray(draw_still(scene, PREVIEW_SIZE, shows, scale=PREVIEW_SHARE, coarseness=2.0))
     return as_png(np.asarray(few.resize(PREVIEW_SIZE, Pillow.Resampling.BICUBIC)))
 
 

@@ -48,7 +48,7 @@ from deformnb.widgets.view.picture_sender import PictureSender
 from deformnb.widgets.view.scene_host import SceneContent, SceneHost
 from deformnb.widgets.view.space_points import ShowsPoints
 from deformnb.widgets.view.stills import VIEW_METHODS, make_scene
-from deformnb.widgets.view.transport import drawn, preview_png
+from deformnb.widgets.view.transport import draw_still, preview_png
 from deformnb.widgets.vtk.render_loop import SceneLoop
 
 _MOST = 8  # of one view; an older one has been closed without a word
@@ -257,7 +257,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     ) -> None:
         """As :meth:`AbstractView.follow`: the points of the editor come to Python with every movement."""
         following = self._following
-        if following is not None and following.goes_on(editor, index):
+        if following is not None and following.continues_map(editor, index):
             self._put(SceneContent(self.scene.ready().volume, following.show(field), output))
             return
         refit = Refit(field, index) if editor is not None else None
@@ -314,7 +314,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             ready=lambda: self.pictures.frames.may_send,
             target_ms=self.target_ms,
             settle_ms=self.settle_ms,
-            is_kept=lambda: (view := held()) is not None and view.is_watched,
+            is_needed=lambda: (view := held()) is not None and view.is_watched,
         )
         loop.set_shows(self.shows)
         return loop
@@ -341,7 +341,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return scene
 
     def _set_content(self, scene: Any) -> None:
-        self.scene.ready().put_in(scene)
+        self.scene.ready().apply_to(scene)
         self._show_fold_badge(scene)
 
     def _show_fold_badge(self, scene: Any) -> None:
@@ -384,7 +384,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def take_message(self, message: ServedMessage, buffers: Any = ()) -> None:
         if isinstance(message, AbstractSize):
-            self._resized(message)
+            self._resize(message)
         elif isinstance(message, CameraMoved):
             self._turn(message)
         elif isinstance(message, Seen):
@@ -393,7 +393,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         else:
             self._front_end_closed(message)
 
-    def _resized(self, message: AbstractSize) -> None:
+    def _resize(self, message: AbstractSize) -> None:
         self._front_ends.put(message.view, (message.width, message.height))
         self._front_ends.theme = message.background or self._front_ends.theme
         make = TRANSPORTS[self.transport]
@@ -405,13 +405,13 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def draw_again(self) -> None:
         """A front end has come that was not there when the last picture was sent: none is in flight to it."""
-        self.pictures.frames.lost()
+        self.pictures.frames.forget_frames()
         if self._front_ends:
             self.scene.touch()
 
     def _front_end_closed(self, message: Closed) -> None:
         self._front_ends.drop(message.view)
-        if self.pictures.frames.left(message.view):
+        if self.pictures.frames.remove_view(message.view):
             self.scene.touch()
         if not self.is_watched:
             self.scene.rest()
@@ -453,7 +453,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """
         pixels = size or (self.width, self.height)
 
-        return self.scene.do(lambda scene: drawn(scene, pixels, self.shows, bands=max(1, pixels[1] // 64)))
+        return self.scene.do(lambda scene: draw_still(scene, pixels, self.shows, bands=max(1, pixels[1] // 64)))
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
         """The full picture of all changes so far in the front end; without one that of :meth:`still`.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._jax import determinant, one_plus
-from deformnb.analysis.folds import folds_of
+from deformnb.analysis.folds import find_folds
 from deformnb.rbf.extrusion import Extrusion, replicate
 from deformnb.rbf.fields import AbstractField, DisplacementField
 from deformnb.volume.plane import Plane, Raster
@@ -187,7 +187,7 @@ class Folding:
                 self._found = (
                     self._field is not None
                     and self._grid is not None
-                    and (folds_of(self._field, _coarse(self._grid)).least <= 0)
+                    and (find_folds(self._field, _coarse(self._grid)).least <= 0)
                 )
         return self._found
 
@@ -213,7 +213,7 @@ def _coarse(grid: Grid) -> Grid:
 # ---- whether VTK shows it --------------------------------------------------------------------------------------------
 
 
-def pressed() -> tuple[Volume, AbstractField]:
+def mirrored_block() -> tuple[Volume, AbstractField]:
     """A block whose right half is mirrored, and so turned over."""
     grid = Grid((8, 16, 16))
     volume = Volume(np.full(grid.shape, 200, np.uint8), grid)

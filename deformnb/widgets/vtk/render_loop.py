@@ -135,7 +135,7 @@ class SceneLoop:
     target_ms : time that a quick picture may take.
     settle_ms : rest after which the full picture is drawn.
     longest_ms : time that a full picture may take; on slow machines it has fewer pixels.
-    is_kept : whether the scene must stay when nothing has been requested for a while; else it is closed, its thread
+    is_needed : whether the scene must stay when nothing has been requested for a while; else it is closed, its thread
         ends, and both are made again by the next wish.
     """
 
@@ -149,12 +149,12 @@ class SceneLoop:
         target_ms: float = 250.0,
         settle_ms: float = 250.0,
         longest_ms: float = 4000.0,
-        is_kept: Callable[[], bool] = lambda: True,
+        is_needed: Callable[[], bool] = lambda: True,
     ) -> None:
         self.pace, self.settle_ms = Pace(target_ms, longest_ms), settle_ms
         self._make, self._deliver, self._failed, self._ready = make, deliver, failed, ready
         self._holder = _Holder()
-        self._thread = Worker(at_end=self._holder.close, is_kept=is_kept)
+        self._thread = Worker(at_end=self._holder.close, is_needed=is_needed)
         self._lock = threading.Lock()
         self._changes: dict[str, Callable[[Any], None]] = {}
         self._shows = "deformed"
@@ -185,7 +185,7 @@ class SceneLoop:
         with self._lock:
             self._asked += 1
         if not self._thread.is_closed:
-            self._thread.latest("frame", self._quick)
+            self._thread.latest("frame", self._request_preview)
 
     @property
     def is_settled(self) -> bool:
@@ -194,7 +194,7 @@ class SceneLoop:
 
     def do(self, function: Callable[[Any], _Result]) -> Future[_Result]:
         """Call ``function(scene)`` in the thread after all changes so far, and return its result."""
-        if self._thread.is_here:
+        if self._thread.is_current_thread:
             raise DeformError("this is the thread that renders, and would wait for itself; use what you were given.")
 
         def work() -> _Result:
@@ -214,13 +214,13 @@ class SceneLoop:
 
     # -- in the thread -------------------------------------------------------------------------------------------------
 
-    def _quick(self) -> None:
+    def _request_preview(self) -> None:
         if not self._ready():
-            self._thread.debounce(_RETRY, self._draw_quick)
+            self._thread.debounce(_RETRY, self._draw_preview)
             return
-        self._draw_quick()
+        self._draw_preview()
 
-    def _draw_quick(self) -> None:
+    def _draw_preview(self) -> None:
         try:
             scene = self._holder.get(self._make)
             start = time.perf_counter()
@@ -236,7 +236,7 @@ class SceneLoop:
             self._is_rough = True
             self._thread.debounce(self.settle_ms / 1e3, self._full)
         except Exception as error:
-            self._say(error)
+            self._report_error(error)
 
     def _full(self) -> None:
         try:
@@ -250,7 +250,7 @@ class SceneLoop:
             self._deliver(Frame(images, is_full=True))
             self._is_rough, self._settled = False, self._drawing
         except Exception as error:
-            self._say(error)
+            self._report_error(error)
 
     def _images(self, scene: LoopScene, **options: Any) -> tuple[Image, ...] | None:
         both = ("deformed", "original") if self._shows in ("flicker", *COMPARISONS) else (self._shows,)
@@ -269,9 +269,9 @@ class SceneLoop:
             try:
                 change(scene)
             except Exception as error:  # one wrong change does not undo the others
-                self._say(error)
+                self._report_error(error)
 
-    def _say(self, error: Exception) -> None:
+    def _report_error(self, error: Exception) -> None:
         if not isinstance(error, DeformError):
             _LOG.error("a picture could not be drawn", exc_info=error)
         text = str(error) if isinstance(error, DeformError) else f"{type(error).__name__}: {error}"

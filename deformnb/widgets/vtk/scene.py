@@ -45,17 +45,26 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, as_transfer, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
-from deformnb.widgets.camera import BACKGROUNDS, COMPARISONS, INKS, SHOWS, camera_of, checked_camera, compared, within
+from deformnb.widgets.camera import (
+    BACKGROUNDS,
+    COMPARISONS,
+    INKS,
+    SHOWS,
+    camera_of,
+    checked_camera,
+    comparison_image,
+    partial_progress,
+)
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.textures import FieldTextures, field_textures
-from deformnb.widgets.vtk.folds import Folding, pressed
+from deformnb.widgets.vtk.folds import Folding, mirrored_block
 from deformnb.widgets.vtk.shader import VolumeWarp
 
 IndexBox = tuple[Floats, Floats]
 """Lowest and highest index (i, j, k) of the visible part of a lattice."""
 
 
-def covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.float64]]:
+def pad_to_box(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.float64]]:
     """The volume with background around it up to the box of ``output``, and where its first voxel (i, j, k) is.
 
     Raises
@@ -63,7 +72,7 @@ def covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.fl
     DeformError
         If there is no memory for that: a box of few voxels may be large, or far away.
     """
-    grid = volume.grid if output is None else volume.grid.covering(output.corners())
+    grid = volume.grid if output is None else volume.grid.cover(output.corners())
     if grid.shape == volume.grid.shape:
         return volume, np.zeros(3)
     needed, free = 2 * grid.size * volume.dtype.itemsize, available_memory()  # another copy is made for VTK
@@ -106,7 +115,7 @@ class SceneVoxels:
     """
 
     def __init__(self, volume: Volume, output: Grid | None) -> None:
-        around, start = covering(volume, output)
+        around, start = pad_to_box(volume, output)
         ready = prepare_for_vtk(around)
         self.volume, self.output = volume, output
         self.lattice, self.first = ready.grid, start + 1
@@ -265,7 +274,7 @@ def cut_probe() -> tuple[Volume, AbstractField]:
     return volume, Composed(moved.first, Decoupled(fields, sides, lines, plane, "source", 0.6))
 
 
-def warped(volume: Volume, field: AbstractField) -> Volume:
+def warp_volume(volume: Volume, field: AbstractField) -> Volume:
     """As :func:`deformnb.warping.warper.warp` does it, without the second that it takes to compile."""
     index = np.moveaxis(np.indices(volume.shape)[::-1], 0, -1)
     points = volume.grid.index_to_point(index)
@@ -505,14 +514,14 @@ class VtkScene:
         if kind not in ("side_by_side", *COMPARISONS):
             return self._picture((width, height), kind != "original", coarseness, bands, interrupted, progress)
         widths = (width, width) if kind in COMPARISONS else (width // 2, width - width // 2)
-        first, second = (within(progress, start, start + 0.5) for start in (0.0, 0.5))
+        first, second = (partial_progress(progress, start, start + 0.5) for start in (0.0, 0.5))
         left = self._picture((widths[0], height), False, coarseness, bands, interrupted, first)
         right = (
             left if left is None else self._picture((widths[1], height), True, coarseness, bands, interrupted, second)
         )
         if left is None or right is None:
             return None
-        return compared(kind, left, right)
+        return comparison_image(kind, left, right)
 
     def _picture(
         self,
@@ -611,7 +620,7 @@ def folds_work() -> bool:
 
     To be called by a thread that renders.
     """
-    volume, field = pressed()
+    volume, field = mirrored_block()
     scene = VtkScene(volume, (64, 64), transfer="surface", method="texture", projection="composite")
     try:
         plane = Plane.from_view(volume.grid, "+z")
@@ -636,7 +645,7 @@ def _is_right(volume: Volume, field: AbstractField) -> bool:
     shown = vtkObject.GetGlobalWarningDisplay()
     vtkObject.GlobalWarningDisplayOff()
     try:
-        got, wanted = _still_of(volume, field, "texture"), _still_of(warped(volume, field), None, "array")
+        got, wanted = _still_of(volume, field, "texture"), _still_of(warp_volume(volume, field), None, "array")
     except DeformError:
         return False
     finally:

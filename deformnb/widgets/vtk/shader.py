@@ -168,7 +168,7 @@ def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside:
             f"float v{r} = covered({_depth(side, 'dnb_away(e, {}.0)')}, dnb_softness);",
         ]
     others = "\n  ".join(f"if (own != {r}) {{ adds(choice, {r}, v{r}); }}" for r in range(count))
-    chosen = f"Choice choice = begun(own, {_picked('v', count, 'own')});\n  " + _RULES[rule] % {"others": others}
+    chosen = f"Choice choice = begun(own, {_indexed_name('v', count, 'own')});\n  " + _RULES[rule] % {"others": others}
     return _CUTS_GLSL % {
         "choice": cut_choice(),
         "inside": inside,
@@ -178,8 +178,8 @@ def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside:
         "here": "\n  ".join(here),
         "each": "\n  ".join(each),
         "rule": f"{chosen}\n  dnb_found = choice.region;",
-        "chosen": _picked("d", count, "choice.region"),
-        "kept": _picked("d", count, "keep"),
+        "chosen": _indexed_name("d", count, "choice.region"),
+        "kept": _indexed_name("d", count, "keep"),
         "space": space,
     }
 
@@ -193,7 +193,7 @@ def _depth(side: Sequence[bool], away: str) -> str:
     return text
 
 
-def _picked(name: str, count: int, index: str) -> str:
+def _indexed_name(name: str, count: int, index: str) -> str:
     """The variable of a number."""
     text = f"{name}{count - 1}"
     for r in reversed(range(count - 1)):
@@ -450,10 +450,10 @@ class VolumeWarp:
             raise DeformError(f"{count} maps of {rows} rows are more than the GPU takes; use fewer.")
         plane, u = about["plane"], self._uniforms
         (a, b), (da, db) = about["origin"], about["spacing"]
-        u.SetUniform4f("dnb_column", _along(plane, "u", scale, shift, a, columns * da, 0.5 / columns))
-        u.SetUniform4f("dnb_row", _along(plane, "v", scale, shift, b, rows * db, 0.5 / rows))
+        u.SetUniform4f("dnb_column", _raster_transform(plane, "u", scale, shift, a, columns * da, 0.5 / columns))
+        u.SetUniform4f("dnb_row", _raster_transform(plane, "v", scale, shift, b, rows * db, 0.5 / rows))
         c0, c1 = about["depth"]
-        u.SetUniform4f("dnb_depth", _along(plane, "n", scale, shift, c0, c1 - c0) if c1 > c0 else [0.0] * 4)
+        u.SetUniform4f("dnb_depth", _raster_transform(plane, "n", scale, shift, c0, c1 - c0) if c1 > c0 else [0.0] * 4)
         u.SetUniform2f("dnb_edges", [0.5 / rows, 1 - 0.5 / rows])  # one map does not run into the next
         n = weights.shape[1]
         u.SetUniform2f("dnb_knots", [(n - 1) / n, 0.5 / n])
@@ -469,8 +469,8 @@ class VolumeWarp:
             raise DeformError(f"{count} cuts are more than the GPU takes; use fewer.")
         (a, b), (da, db) = about["origin"], about["spacing"]
         u = self._uniforms
-        u.SetUniform4f("dnb_cut_column", _along(plane, "u", scale, shift, a, columns * da, 0.5 / columns))
-        u.SetUniform4f("dnb_cut_row", _along(plane, "v", scale, shift, b, rows * db, 0.5 / rows))
+        u.SetUniform4f("dnb_cut_column", _raster_transform(plane, "u", scale, shift, a, columns * da, 0.5 / columns))
+        u.SetUniform4f("dnb_cut_row", _raster_transform(plane, "v", scale, shift, b, rows * db, 0.5 / rows))
         u.SetUniform2f("dnb_cut_edges", [0.5 / rows, 1 - 0.5 / rows])
         u.SetUniform2f("dnb_cut_scale", [1 / (columns * da), 1 / (rows * db)])
         self._textures["dnb_cuts"].load(np.frombuffer(samples, "<f4").reshape(count * rows, columns, 1))
@@ -490,7 +490,7 @@ class VolumeWarp:
             texture.close()
 
 
-def _along(
+def _raster_transform(
     plane: PlaneData,
     axis: Literal["u", "v", "n"],
     scale: Floats,

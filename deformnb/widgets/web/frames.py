@@ -198,7 +198,7 @@ class _ViewArea:
             return
         if not self._mouse.is_pressed:
             self._camera = view.camera  # Python may have turned it
-        self._mouse.on_event(event, view.scene.ready().box, view.shows)
+        self._mouse.handle_event(event, view.scene.ready().box, view.shows)
 
     def _confirm(self, number: Any, page: Any = "") -> None:
         self._send_to_view({"type": "seen", "seq": number}, page)

@@ -207,7 +207,7 @@ class SlowRequests:
         self._busy.pop(connection, None)
         self._since[connection] = time.monotonic()
 
-    def cut_off(self, connections: Iterable[Any]) -> None:
+    def disconnect_idle(self, connections: Iterable[Any]) -> None:
         """Cut off those of all connections that have been without a whole request for :data:`REQUEST_SECONDS`."""
         now = time.monotonic()
         self._since = {connection: self._since.get(connection, now) for connection in connections}
@@ -290,7 +290,7 @@ class PasswordCheck(LinkProtocol):  # type: ignore[misc]  # wslink has no types
         """Called by wslink when a client has disconnected."""
         self._since.pop(client_id, None)
 
-    def unauthenticated(self, known: set[str]) -> list[str]:
+    def unauthenticated_clients(self, known: set[str]) -> list[str]:
         """Clients that have not sent the password within :data:`LOGIN_SECONDS`."""
         limit = time.monotonic() - LOGIN_SECONDS
         return [client for client, since in self._since.items() if client not in known and since < limit]
@@ -310,7 +310,7 @@ class MessageGuard:
         self._handler, self._long = handler, long
         self._answers = dict(answers)
         self._buckets: dict[str, tuple[float, float]] = {}
-        self.dropped = 0
+        self.refused_count = 0
         handler.functionMap.clear()
         handler.functionMap.update({name: (self, _without_self(self._guard(name))) for name in answers})
         handler.onMessage = self.receive  # looked up at each message
@@ -333,9 +333,9 @@ class MessageGuard:
         return call
 
     def _drop(self, why: str, *details: Any) -> None:
-        self.dropped += 1
-        if _is_logged(self.dropped):
-            _LOG.warning(f"a message was dropped (the %d. so far): {why}", self.dropped, *details)
+        self.refused_count += 1
+        if _is_logged(self.refused_count):
+            _LOG.warning(f"a message was dropped (the %d. so far): {why}", self.refused_count, *details)
 
     async def receive(self, is_binary: bool, message: Any, client_id: str) -> None:
         """Called by wslink with each message of a page."""
@@ -457,9 +457,9 @@ class SiteGuard:
         served.app.middlewares.extend([self._slow_requests.middleware(), check])
 
     @property
-    def dropped(self) -> int:
+    def refused_count(self) -> int:
         """Messages that were refused."""
-        return sum(guard.dropped for guard in self._guards)
+        return sum(guard.refused_count for guard in self._guards)
 
     @property
     def sites(self) -> list[str]:
@@ -476,10 +476,10 @@ class SiteGuard:
         """Names of the clients that have sent the password."""
         return {client for handler in self.handlers for client in handler.authentified_client_ids}
 
-    async def cut_off(self) -> None:
+    async def disconnect_idle(self) -> None:
         """End connections without a whole request, and those of clients that have sent no password, after a while."""
-        self._slow_requests.cut_off(self.connections)
-        late = self.password_check.unauthenticated(self.clients)
+        self._slow_requests.disconnect_idle(self.connections)
+        late = self.password_check.unauthenticated_clients(self.clients)
         await part_from([one.connections[name] for one in self.handlers for name in late if name in one.connections])
 
     async def end(self, ending: asyncio.Future[Any]) -> None:

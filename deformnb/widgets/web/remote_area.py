@@ -34,7 +34,8 @@ class MouseCamera:
 
     Parameters
     ----------
-    look : called at each movement, in the thread of :meth:`on_event`, with a function from the last camera to the next.
+    look : called at each movement, in the thread of :meth:`handle_event`, with a function that maps the last camera to
+        the next.
     rest : called when the button is released, or the wheel has turned.
 
     Examples
@@ -42,7 +43,7 @@ class MouseCamera:
     >>> from deformnb.widgets.camera import checked_camera
     >>> camera = checked_camera({})
     >>> mouse = MouseCamera(lambda change: camera.update(change(camera)), lambda: None)
-    >>> mouse.on_event({"type": "MouseWheel", "spinY": -1}, Grid((4, 4, 4)))
+    >>> mouse.handle_event({"type": "MouseWheel", "spinY": -1}, Grid((4, 4, 4)))
     >>> camera["zoom"]
     1.15
     """
@@ -56,7 +57,7 @@ class MouseCamera:
         """True while a button is down."""
         return self._held is not None
 
-    def on_event(self, event: Any, box: Grid, shows: str = "deformed") -> None:
+    def handle_event(self, event: Any, box: Grid, shows: str = "deformed") -> None:
         """Take an event of the mouse from the page.
 
         Parameters
@@ -74,7 +75,7 @@ class MouseCamera:
             raise DeformError("no event of a mouse.")
         if kind == "MouseWheel":
             notches = max(-3.0, min(3.0, number_of(event, "spinY")))
-            self._look(lambda camera: zoomed(camera, _ZOOM**-notches))
+            self._look(lambda camera: zoom_camera(camera, _ZOOM**-notches))
         elif kind.endswith("ButtonPress"):
             way = {"LeftButtonPress": "turn", "MiddleButtonPress": "move", "RightButtonPress": "zoom"}.get(kind, "turn")
             way = "move" if way == "turn" and event.get("shiftKey") else way
@@ -93,7 +94,7 @@ class MouseCamera:
         aspect = max(16.0, number_of(event, "w", 512.0)) / height / pictures
         self._held = (way, *now)
         self._look(
-            lambda camera: dragged(
+            lambda camera: drag_camera(
                 camera, way, dx, dy, visible_height(box, camera["direction"], camera["up"], aspect, camera["zoom"])
             )
         )
@@ -176,7 +177,7 @@ def about_picture(image: Any, camera: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float) -> dict[str, Any]:
+def drag_camera(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float) -> dict[str, Any]:
     """A camera after the mouse was dragged.
 
     Parameters
@@ -186,7 +187,7 @@ def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float)
     seen : length in space that the picture is high.
     """
     if way == "zoom":
-        return zoomed(camera, math.exp(2 * dy))
+        return zoom_camera(camera, math.exp(2 * dy))
     if way == "move":
         right, above = camera["pan"]
         return {**camera, "pan": [right - dx * seen, above - dy * seen]}
@@ -198,7 +199,7 @@ def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float)
     return {**camera, "direction": ahead.tolist(), "up": up.tolist()}
 
 
-def zoomed(camera: dict[str, Any], factor: float) -> dict[str, Any]:
+def zoom_camera(camera: dict[str, Any], factor: float) -> dict[str, Any]:
     """A camera that shows things ``factor`` times as large, within reason."""
     return {**camera, "zoom": float(np.clip(camera["zoom"] * factor, 0.1, 40.0))}
 

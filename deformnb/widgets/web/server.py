@@ -69,7 +69,7 @@ class PageServer:
     trame : trame's own server, for its state and its page.
     root : wslink's protocol of the server, while it runs; see :meth:`publish`.
     content : the result of ``make``.
-    guard : who is let in; ``guard.dropped`` counts the messages that were refused.
+    guard : who is let in; ``guard.refused_count`` counts the messages that were refused.
     url : of the page, with its password; empty before the server runs.
     reason : why it ended.
     """
@@ -168,7 +168,7 @@ class PageServer:
                 self.stop(f"no page was connected for {self.idle / 60:.3g} minutes")
             if self._parent not in (None, os.getppid()):
                 self.stop("the program that started it has ended")
-            await self.guard.cut_off()
+            await self.guard.disconnect_idle()
 
     @contextlib.contextmanager
     def _signals(self) -> Iterator[None]:

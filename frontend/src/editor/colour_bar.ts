@@ -136,7 +136,7 @@ export class ColourBar {
     const { top, height } = this.canvas.getBoundingClientRect(),
       [first, last] = this.ends;
     const share = Math.max(0, Math.min(1, (event.clientY - top) / height));
-    this.editor.tools.window.put(this.#moved(this.held, last + (first - last) * share));
+    this.editor.tools.window.put(this.#moveValue(this.held, last + (first - last) * share));
   }
 
   #drop() {
@@ -156,7 +156,7 @@ export class ColourBar {
     if (!way || !window) return;
     event.preventDefault();
     windowTool.put(
-      this.#moved(
+      this.#moveValue(
         k,
         window[k]! + way * KEY_STEPS[event.shiftKey ? 1 : 0]! * (this.ends[1]! - this.ends[0]!),
       ) as Vector2,
@@ -165,7 +165,7 @@ export class ColourBar {
   }
 
   /** The window with one of its values moved, black below white. */
-  #moved(k: number, value: number): Vector2 {
+  #moveValue(k: number, value: number): Vector2 {
     const {
         tools: { window: windowTool },
         picture: { painter },

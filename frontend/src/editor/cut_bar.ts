@@ -93,7 +93,7 @@ export class CutBar {
     let id = nextId(made, editor.sender.nextId),
       count = 0;
     for (const place of placesAlong(region.vertices, isClosed ? CLOSED_POINTS : OPEN_POINTS, isClosed)) {
-      const source = pointTools.seenAt(place as Vector2);
+      const source = pointTools.visiblePlace(place as Vector2);
       if (source !== null) made.push(newPoint(id++, source, place, `outline ${++count}`));
     }
     if (!pointTools.edit(made, "add")) return;
@@ -113,7 +113,7 @@ export class CutBar {
     const made = [...editor.points.list];
     let id = nextId(made, editor.sender.nextId);
     for (const { from, to } of pulled) {
-      const source = pointTools.seenAt(from as Vector2);
+      const source = pointTools.visiblePlace(from as Vector2);
       if (source === null) {
         editor.messages.hint("It is open already: drag its points to pull further", 4000);
         return;
@@ -121,7 +121,7 @@ export class CutBar {
       made.push(newPoint(id++, source, to));
     }
     for (const place of held) {
-      const source = pointTools.seenAt(place as Vector2);
+      const source = pointTools.visiblePlace(place as Vector2);
       const isNear = editor.points.list.some(({ target: [a, b] }) => Math.hypot(a - place[0], b - place[1]) < near);
       if (source !== null && !isNear) made.push(newPoint(id, source, place, `hold ${id++}`));
     }

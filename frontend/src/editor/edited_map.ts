@@ -126,10 +126,10 @@ export class EditedMap {
     const { layered, folds } = this,
       { isMoving } = this.editor.frames;
     const isDue = !folds || (folds.isRough && !isMoving);
-    if (layered && isDue) this.folds = this.#measuredFolds(known ?? layered);
+    if (layered && isDue) this.folds = this.#measureFolds(known ?? layered);
   }
 
-  #measuredFolds(known: LayeredFit) {
+  #measureFolds(known: LayeredFit) {
     const { isMoving } = this.editor.frames,
       probes = probesOf(known, isMoving ? 5e4 : 4e5);
     const nodes = known.count > 200 ? 9 : isMoving ? 17 : 33;

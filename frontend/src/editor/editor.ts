@@ -324,7 +324,7 @@ export class EditorView extends EditorDrawing {
     panels.colours.update();
     panels.status.update();
     this.#updateToolbar();
-    frames.rate.drew(performance.now());
+    frames.rate.recordFrame(performance.now());
   }
 
   #refit() {
@@ -359,7 +359,7 @@ export class EditorView extends EditorDrawing {
       isLocked: points.isLocked,
       isHolding: tools.points.drag0 !== null,
       isAdding: tools.modes.isAdding,
-      onView: (place) => viewport.onView(place),
+      toView: (place) => viewport.toView(place),
     });
   }
 

@@ -18,12 +18,12 @@ export class DrawRate {
   waits: number[] = [];
 
   /** The pointer has moved points, at this time in milliseconds. */
-  moved(now: number) {
+  recordMove(now: number) {
     this.movedAt ??= now;
   }
 
   /** The picture of the last movement is drawn. */
-  drew(now: number) {
+  recordFrame(now: number) {
     if (this.movedAt === null) return;
     this.waits.push(now - this.movedAt);
     if (this.last !== null && now - this.last < PAUSE) this.spans.push(now - this.last);

@@ -137,7 +137,7 @@ export class GridNodes {
       return;
     }
     const { columns, rows, target, isSeen } = this.placesOf(layered),
-      held = this.#occupied();
+      held = this.#occupiedNodes();
     const { k, x, y } = this.editor.viewport.view;
     const [a0, a1] = this.editor.picture.box,
       reach = Math.max(5, Math.min(11, (0.42 * k * (a1 - a0)) / (columns - 1)));
@@ -185,7 +185,7 @@ export class GridNodes {
   }
 
   /** The numbers of the nodes that are control points. */
-  #occupied() {
+  #occupiedNodes() {
     const {
         picture: { box },
         points: { list: points },
@@ -307,7 +307,7 @@ export class GridNodes {
 
   /** Hold a node where it is. */
   #take(n: number | null) {
-    if (n === null || !this.made || !this.#isFree() || this.#occupied().has(n)) return;
+    if (n === null || !this.made || !this.#isFree() || this.#occupiedNodes().has(n)) return;
     const { points: pointTools } = this.editor.tools,
       { id, points } = this.#point(this.made.places, n);
     if (pointTools.edit(points, "add")) pointTools.present(id, "holds the grid");

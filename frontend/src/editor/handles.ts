@@ -36,7 +36,7 @@ export interface MarksScene {
   /** Whether points are being dragged */
   isHolding: boolean;
   isAdding: boolean;
-  onView: (place: Vector2) => Vector2;
+  toView: (place: Vector2) => Vector2;
 }
 
 /** The elements of a point, and their state. */
@@ -445,13 +445,13 @@ export class ToolMarks {
   }
 
   /** Place above the selection, whose middle is the centre of the rotation. */
-  #turn({ view, selected, points, isLocked, isHolding, brush, pen, isAdding, onView }: MarksScene) {
+  #turn({ view, selected, points, isLocked, isHolding, brush, pen, isAdding, toView }: MarksScene) {
     const chosen = points.filter((p) => selected.has(p.id) && !p.locked);
     const isShown = chosen.length > 0 && !isLocked && !isHolding && !brush.isOn && !pen.isOn && !isAdding;
     this.turn.setAttribute("visibility", isShown ? "visible" : "hidden");
     if (!isShown) return;
-    const [x, y] = onView(middleOf(chosen) as Vector2),
-      ys = chosen.map((p) => onView(p.target as Vector2)[1]);
+    const [x, y] = toView(middleOf(chosen) as Vector2),
+      ys = chosen.map((p) => toView(p.target as Vector2)[1]);
     const up = Math.min(...ys) - TURN_AWAY,
       down = Math.max(...ys) + TURN_AWAY;
     const end = up > 12 ? up : Math.min(view.height - 12, down);

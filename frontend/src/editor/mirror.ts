@@ -1,7 +1,7 @@
 // The mirror of the editor: a line, at which edits of points are mirrored.
 
 import { mirrorEdit, mirrorSide, nextId } from "../maths/points.ts";
-import { placeSeen } from "../maths/warp_map.ts";
+import { findVisiblePlace } from "../maths/warp_map.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { Point, Vector } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
@@ -75,10 +75,10 @@ export class PointMirror {
       { state } = this,
       near = this.#near;
     if (!state.on) return after;
-    const seenAt = (source: Vector) =>
+    const findVisible = (source: Vector) =>
       holds && layered && map.strength === 1 && !picture.isOriginal
-        ? placeSeen(layered, source, 1e-6 * near.axis)
+        ? findVisiblePlace(layered, source, 1e-6 * near.axis)
         : null;
-    return mirrorEdit(state, before, after, { near, lead, id: nextId(after, sender.nextId), seenAt });
+    return mirrorEdit(state, before, after, { near, lead, id: nextId(after, sender.nextId), findVisible });
   }
 }

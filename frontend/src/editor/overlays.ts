@@ -502,7 +502,7 @@ export class Overlay {
     const place = folds && folds.least <= 0 ? (folds.place as Vector2) : null;
     setAttributes(this.worst, { visibility: place ? "visible" : "hidden" });
     if (!place) return;
-    const [x, y] = this.editor.viewport.onView(place);
+    const [x, y] = this.editor.viewport.toView(place);
     setAttributes(this.worst, { transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` });
   }
 
@@ -518,7 +518,7 @@ export class Overlay {
       air = 22; // CSS pixels: a disc, and from it to the edge
     const wide = this.key.offsetWidth + air,
       high = this.key.offsetHeight + air;
-    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.viewport.onView(at as Vector2));
+    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.viewport.toView(at as Vector2));
     const hidden = ([row, column]: string[]) =>
       places.filter(
         ([x, y]) => (column === "left" ? x < wide : x > width - wide) && (row === "top" ? y < high : y > height - high),

@@ -179,7 +179,7 @@ export class PointTools {
     const { points, held } = limitMove(drag0, wanted, editor.points.shapes.parts, editor.map.strength);
     editor.layers.handles.lock(held.map(({ point }) => point.id));
     if (held.length) this.#hintConflict(held[0]!);
-    editor.frames.rate.moved(performance.now());
+    editor.frames.rate.recordMove(performance.now());
     this.#follow(points);
   }
 
@@ -268,7 +268,7 @@ export class PointTools {
   }
 
   /** The place of the original picture that is visible at a place, null in a gap. */
-  seenAt([a, b]: Vector2): Vector2 | null {
+  visiblePlace([a, b]: Vector2): Vector2 | null {
     const { editor } = this,
       layered = editor.picture.isComparing ? null : editor.map.layered;
     const [da, db, opacity] = layered ? placeOf(layered, a, b, 1e-9) : ([0, 0, 1] as const);
@@ -285,7 +285,7 @@ export class PointTools {
     const { editor } = this,
       [near] = editor.points.list
         .map((p) => {
-          const [px, py] = editor.viewport.onView(p.target as Vector2);
+          const [px, py] = editor.viewport.toView(p.target as Vector2);
           return { id: p.id, away: Math.hypot(px - x, py - y) };
         })
         .sort((p, q) => p.away - q.away);
@@ -338,7 +338,7 @@ export class PointTools {
     const { editor } = this,
       p = editor.points.withId(id);
     if (!p || editor.points.isLocked) return;
-    editor.panels.names.prompt(p.name, `point ${id}`, editor.viewport.onView(p.target as Vector2), {
+    editor.panels.names.prompt(p.name, `point ${id}`, editor.viewport.toView(p.target as Vector2), {
       take: (text) => {
         this.edit(renamePoint(editor.points.list, id, text), "rename");
       },

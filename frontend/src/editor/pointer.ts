@@ -95,7 +95,7 @@ export class Gestures {
     const at = stage.placeOf(event);
     this.pointers.set(event.pointerId, at);
     this.kind = event.pointerType || "mouse";
-    this.isOthers = this.kind === "touch" && !stage.isWorkedIn; // before this press gives it the focus
+    this.isOthers = this.kind === "touch" && !stage.isInUse; // before this press gives it the focus
     stage.svg.setPointerCapture(event.pointerId);
     if (this.pointers.size === 2 && !this.gesture?.isHolding) {
       this.cancel();
@@ -119,7 +119,7 @@ export class Gestures {
     if (event.button === 2 && this.kind !== "touch") {
       const id = grabbed?.id ?? null,
         under = grabbed ? null : hits.shapeAt(event);
-      return new WindowGesture(at, window, isRightClick(event) ? () => this.#rightClicked(id, under) : null);
+      return new WindowGesture(at, window, isRightClick(event) ? () => this.#handleRightClick(id, under) : null);
     }
     if (event.button !== 0) return null;
     const tool = modes.activeTool;
@@ -140,7 +140,7 @@ export class Gestures {
       const turnTo = (angle: number, factor: number) => turn && points.turnTo(turn, angle, factor);
       return (
         turn &&
-        new TurnGesture(at, viewport.onView(turn.about), turnTo, (isCancelled, kind) =>
+        new TurnGesture(at, viewport.toView(turn.about), turnTo, (isCancelled, kind) =>
           points.endDrag(isCancelled, kind),
         )
       );
@@ -173,7 +173,7 @@ export class Gestures {
     if (!this.isOthers) stage.focus();
     const adds = modes.isSelecting || event.shiftKey || event.ctrlKey,
       shape = modes.isSelecting ? null : hits.shapeAt(event);
-    const click = () => this.#clicked(shape, adds);
+    const click = () => this.#handleClick(shape, adds);
     if (this.isOthers) {
       const advise = () => messages.hint("Tap the picture first, then a finger moves it", 4000);
       return new TapGesture(at, advise, () => {
@@ -193,7 +193,7 @@ export class Gestures {
   }
 
   /** A press on the picture that did not move. */
-  #clicked(shape: ShapeGrip | null, adds: boolean) {
+  #handleClick(shape: ShapeGrip | null, adds: boolean) {
     const { points, tools } = this.editor;
     if (adds) return;
     if (shape) this.#focusShape(shape);
@@ -278,7 +278,7 @@ export class Gestures {
     const grabbed = this.editor.tools.hits.pointAt(event),
       shape = this.editor.tools.hits.shapeAt(event);
     if (pen.draft) pen.finish(pen.draft.tool === "part");
-    else if (pen.hasJustEnded)
+    else if (pen.hasEndedNow)
       return; // the second press has set the last place
     else if (grabbed) editor.tools.points.rename(grabbed.id);
     else if (shape && shape.corner !== null && editor.tools.shapes.toggleStop(shape.corner)) {
@@ -296,7 +296,7 @@ export class Gestures {
   /**
    * A click with the right button: the button may as well begin a drag, and some systems ask for the menu at the press.
    */
-  #rightClicked(id: number | null, shape: ShapeGrip | null) {
+  #handleRightClick(id: number | null, shape: ShapeGrip | null) {
     const {
       tools: { shapes: shapeTools, points: pointTools },
       points: { isLocked },

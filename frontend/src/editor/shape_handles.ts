@@ -218,7 +218,7 @@ export class ShapeHandles {
     const { line, far, tips, inside } = shapePaths(region, view, reach),
       [x, y] = namePlace(region, motion, view, reach) as Vector2;
     const whole = region.kind === "half_space" ? far : line;
-    setAttributes(parts.body, { transform: motion ? onScreen(motion, view) : "" });
+    setAttributes(parts.body, { transform: motion ? toScreenMotion(motion, view) : "" });
     for (const path of [parts.fill, parts.inside]) {
       setAttributes(path, { d: what === "parts" && shape.enabled ? inside : "" });
     }
@@ -408,7 +408,7 @@ function extentOf(region: RegionData) {
 }
 
 /** A motion in the picture as one of CSS pixels. */
-function onScreen({ matrix: [[a, c], [b, d]], shift: [s, t] }: NonNullable<Motion>, { k, x, y }: View) {
+function toScreenMotion({ matrix: [[a, c], [b, d]], shift: [s, t] }: NonNullable<Motion>, { k, x, y }: View) {
   const values = [a, b, c, d, k * s + x - a * x - c * y, k * t + y - b * x - d * y];
   return `matrix(${values.map((v) => v.toFixed(6)).join(" ")})`;
 }

@@ -9,7 +9,6 @@ import { regionFault } from "../maths/regions.ts";
 import { findConflicts } from "../maths/rigid_stages.ts";
 import {
   cornersOf,
-  fixedSideThrough,
   insertCorner,
   inverseDirection,
   isOutline,
@@ -17,6 +16,7 @@ import {
   motionOf,
   moveCorner,
   movePlace,
+  oppositeHalfPlane,
   removeCorner,
   SHAPE_NAMES,
   setStop,
@@ -71,7 +71,7 @@ export class Pen {
     return this.draft !== null;
   }
 
-  get hasJustEnded() {
+  get hasEndedNow() {
     return performance.now() - this.endedAt < 500;
   }
 
@@ -109,7 +109,7 @@ export class Pen {
 
   /** CSS pixels between a place of the picture and one of the view. */
   #gap(place: Vector2, at: Vector2) {
-    const [x, y] = this.editor.viewport.onView(place);
+    const [x, y] = this.editor.viewport.toView(place);
     return Math.hypot(x - at[0], y - at[1]);
   }
 
@@ -241,7 +241,7 @@ export class Pen {
     }
     const region: RegionData =
       tool === "fixed"
-        ? fixedSideThrough(places[0]!, places[1]!, movingMiddle(editor.points.list, editor.picture.box))
+        ? oppositeHalfPlane(places[0]!, places[1]!, movingMiddle(editor.points.list, editor.picture.box))
         : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places as Vector2[] };
     const fault = regionFault(region);
     if (fault) {
@@ -309,7 +309,7 @@ export class ShapeTools {
       isBefore: editor.picture.isBefore,
       sideKey: (a, b) => sidesKey(regions, a, b),
     });
-    this.handles.showDraft(editor.tools.pen.draft ?? this.#offeredDraft, editor.viewport.view);
+    this.handles.showDraft(editor.tools.pen.draft ?? this.#proposedDraft, editor.viewport.view);
     return isLost;
   }
 
@@ -364,11 +364,11 @@ export class ShapeTools {
 
   add(what: ShapeKind, region: RegionData, name = "") {
     const shape = cleanShapes([{ region, name }], what)[0]!;
-    if (this.edit(what, [...this.editor.points.shapes[what], shape], ADD_WORDS[what])) this.#added(what);
+    if (this.edit(what, [...this.editor.points.shapes[what], shape], ADD_WORDS[what])) this.#finishAdd(what);
     else this.editor.stage.focus();
   }
 
-  #added(what: ShapeKind) {
+  #finishAdd(what: ShapeKind) {
     const { editor } = this,
       index = editor.points.shapes[what].length - 1,
       chosen = { what, index };
@@ -491,7 +491,7 @@ export class ShapeTools {
 
   /** Insert a corner in the middle of edge k. Its number, or null if it could not be inserted. */
   insertCorner(k: number) {
-    if (!this.choice.shape || !this.#change({ region: withMiddle(this.choice.shape.region, k) }, "change")) return null;
+    if (!this.choice.shape || !this.#change({ region: splitEdge(this.choice.shape.region, k) }, "change")) return null;
     this.editor.frames.drawNow();
     this.handles.focusCorner(k + 1);
     return k + 1;
@@ -530,7 +530,7 @@ export class ShapeTools {
       choice: { shape },
     } = this;
     if (editor.points.isLocked || !shape) return;
-    const region = grip.middle !== null ? withMiddle(shape.region, grip.middle) : shape.region;
+    const region = grip.middle !== null ? splitEdge(shape.region, grip.middle) : shape.region;
     const corner = grip.middle !== null ? grip.middle + 1 : grip.corner;
     this.drag0 = {
       shapes: editor.points.shapes,
@@ -638,7 +638,7 @@ export class ShapeTools {
     if (how === "cancel") return;
     const words = `${kind}, ${how === "carry" ? "carry" : "switch off"} its points`;
     if (!this.edit("parts", parts, words, { wasFine: true, points: freed })) return;
-    if (parts.length > count) this.#added("parts");
+    if (parts.length > count) this.#finishAdd("parts");
   }
 
   /** Withdraw the question. False if there is none. */
@@ -655,7 +655,7 @@ export class ShapeTools {
   }
 
   /** The outline of the part that waits for an answer, where it would be. */
-  get #offeredDraft(): Draft | null {
+  get #proposedDraft(): Draft | null {
     const { parts } = this.offered ?? {},
       { sender } = this.editor;
     const part = parts?.find((one, k) => !sameShapes(one, sender.shapes.parts[k]));
@@ -673,7 +673,7 @@ export class ShapeTools {
 }
 
 /** A region with another corner in the middle of edge k. */
-function withMiddle(region: RegionData, k: number) {
+function splitEdge(region: RegionData, k: number) {
   if (!isOutline(region)) return region;
   const { vertices } = region;
   const p = vertices[k]!,

@@ -1,7 +1,7 @@
 // The elements of an editor: the box with its pictures, and the layers over them.
 
 import type { Vector2 } from "../types.ts";
-import { isWorkedIn, OWN_KEYS, pageElement, placeIn, setText, svgElement } from "../ui/dom.ts";
+import { isInUse, OWN_KEYS, pageElement, placeIn, setText, svgElement } from "../ui/dom.ts";
 
 /** The box of an editor, over which it shows a busy message. */
 export abstract class EditorRoot {
@@ -35,8 +35,8 @@ export abstract class EditorRoot {
   /** Give the focus to a picture. */
   abstract focus(): void;
 
-  get isWorkedIn() {
-    return isWorkedIn(this.root);
+  get isInUse() {
+    return isInUse(this.root);
   }
 
   /** @param words the busy message, "" for none */

@@ -33,13 +33,13 @@ export class Viewport {
   }
 
   /** The place of the view at a place of the picture. */
-  onView([a, b]: Vector2): Vector2 {
+  toView([a, b]: Vector2): Vector2 {
     return [this.view.k * a + this.view.x, this.view.k * b + this.view.y];
   }
 
   /** Whether a place of the picture is in a rectangle of the view. */
   isInside(place: Vector2, { x, y, width, height }: Band) {
-    const [px, py] = this.onView(place);
+    const [px, py] = this.toView(place);
     return px >= x && py >= y && px - x <= width && py - y <= height;
   }
 

@@ -65,8 +65,8 @@ export class Wand {
     this.bar = new OptionBar(editor, "dnb-ed-options dnb-ed-wand-bar", "Wand");
     this.rule = pageElement("select", "", this.bar.element, { "aria-label": "values to select", ...OWN_KEYS });
     for (const [value, words] of RULES as [string, string][]) pageElement("option", "", this.rule, { value }, words);
-    this.rule.addEventListener("input", () => editor.frames.guard(() => this.#changed()));
-    this.slider = this.bar.slider("tolerance", () => this.#changed(), { value: START });
+    this.rule.addEventListener("input", () => editor.frames.guard(() => this.#applyChange()));
+    this.slider = this.bar.slider("tolerance", () => this.#applyChange(), { value: START });
     this.tolerated = this.bar.text("dnb-ed-brush-value");
     const done = () => {
       this.stop();
@@ -74,7 +74,7 @@ export class Wand {
     };
     this.bar.button("Done", "Done", done, "put the wand away");
     const tip = "What hangs together in the volume, not only in this picture";
-    this.through = this.bar.checkbox("Through the depth", tip, () => this.#changed());
+    this.through = this.bar.checkbox("Through the depth", tip, () => this.#applyChange());
     const { bar } = this;
     this.part = bar.button(
       "Make rigid part",
@@ -146,7 +146,7 @@ export class Wand {
   /** @param at CSS pixels */
   pick(at: Vector2) {
     const { editor } = this,
-      source = editor.tools.points.seenAt(editor.viewport.placeAt(at));
+      source = editor.tools.points.visiblePlace(editor.viewport.placeAt(at));
     if (source === null) {
       editor.messages.hint("This is a gap: there is nothing here to select");
       return;
@@ -155,7 +155,7 @@ export class Wand {
     this.#send("preview");
   }
 
-  #changed() {
+  #applyChange() {
     this.editor.frames.invalidate();
     clearTimeout(this.timer);
     if (this.place) this.timer = setTimeout(() => this.#send("preview"), WAIT);
@@ -209,7 +209,7 @@ export class Wand {
     const size = keyPlace(EDITOR_KEYS, "brush-radius", key);
     if (size >= 0) {
       this.slider.value = String(Number(this.slider.value) + (size ? 2 : -2));
-      this.#changed();
+      this.#applyChange();
       return true;
     }
     if (arrow) {

@@ -19,7 +19,7 @@ export class Wheel {
   #turn(event: WheelEvent) {
     const { editor } = this,
       [x, y] = editor.stage.placeOf(event),
-      isWanted = event.ctrlKey || event.metaKey || editor.stage.isWorkedIn;
+      isWanted = event.ctrlKey || event.metaKey || editor.stage.isInUse;
     if (!isWanted) {
       editor.messages.hint(
         editor.picture.slices.current

@@ -187,7 +187,7 @@ export class ByteReader {
   async voxels(type: VoxelType, isBig: boolean, count: number, before: number, work: Work) {
     const bytes = count * Number(type[1]),
       most = this.isPacked ? this.size * MOST_PACKED : this.size - before;
-    if (bytes > most) this.#cutShort(Math.max(0, most), bytes);
+    if (bytes > most) this.#refuseTruncated(Math.max(0, most), bytes);
     let target: Uint8Array<ArrayBuffer>;
     try {
       target = new Uint8Array(bytes);
@@ -195,7 +195,7 @@ export class ByteReader {
       throw new FileError(`there is not enough memory for its ${shownBytes(bytes)} of voxels; save it coarser.`);
     }
     const found = await this.fill(target, work);
-    if (found < bytes) this.#cutShort(found, bytes);
+    if (found < bytes) this.#refuseTruncated(found, bytes);
     if (this.isPacked) await this.skip(MOST_BEHIND); // to the check sum at the end
     await this.close();
     const isLittleHere = new Uint8Array(new Uint16Array([1]).buffer)[0] === 1;
@@ -203,7 +203,7 @@ export class ByteReader {
     return new ARRAYS[type](target.buffer);
   }
 
-  #cutShort(found: number, wanted: number): never {
+  #refuseTruncated(found: number, wanted: number): never {
     throw new FileError(
       `its header announces ${shownBytes(wanted)} of voxels but the file holds at most ` +
         `${shownBytes(found)}; it is cut short or its header is damaged.`,

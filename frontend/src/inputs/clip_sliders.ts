@@ -87,7 +87,7 @@ export class ClipSliders {
         step: CLIP_STEP,
         ...OWN_KEYS,
       });
-      input.addEventListener("input", () => this.#moved(axis, end, Number(input.value)));
+      input.addEventListener("input", () => this.#moveEnd(axis, end, Number(input.value)));
       return input;
     };
     const ends: Ends<HTMLInputElement> = [slider(0), slider(1)];
@@ -105,7 +105,7 @@ export class ClipSliders {
     return buttonElement("dnb-clip-button", parent, text, action, { title });
   }
 
-  #moved(axis: Axis, end: End, value: number) {
+  #moveEnd(axis: Axis, end: End, value: number) {
     const { clip } = this,
       [low, high] = clip[axis];
     clip[axis][end] = end

@@ -56,7 +56,7 @@ class DepthKeysView extends NodesView<KeyDrag> {
   }
 
   /** These keys with the k-th one at another depth, limited by its neighbours. */
-  moved(knots: number[], k: number, depth: number) {
+  moveKnot(knots: number[], k: number, depth: number) {
     const before = knots[k - 1],
       after = knots[k + 1];
     const low = before === undefined ? 0 : before + this.apart,
@@ -93,7 +93,7 @@ class DepthKeysView extends NodesView<KeyDrag> {
   }
 
   drag({ k, before }: KeyDrag, [dx]: Vector2) {
-    this.knots = this.moved(before.knots, k, before.knots[k]! + dx / this.span);
+    this.knots = this.moveKnot(before.knots, k, before.knots[k]! + dx / this.span);
     this.move(this.value("move", k));
     this.invalidate();
   }
@@ -116,7 +116,7 @@ class DepthKeysView extends NodesView<KeyDrag> {
   nudge(k: number, [dx, dy]: Vector2, isFar: boolean) {
     this.isHeld = true;
     this.nudged = k;
-    this.knots = this.moved(this.knots, k, this.knots[k]! + (dx + dy) * (isFar ? 0.1 : 0.01));
+    this.knots = this.moveKnot(this.knots, k, this.knots[k]! + (dx + dy) * (isFar ? 0.1 : 0.01));
     this.move(this.value("move", k));
     this.invalidate();
     this.settleSoon();

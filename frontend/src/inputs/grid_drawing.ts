@@ -101,7 +101,7 @@ class GridDrawingView extends InputView {
    * The grid with a node at another place. It moves there, the corners and the other nodes that were placed stay,
    * and all between them follow.
    */
-  moved(before: Grid, index: number, place: Vector2): Grid {
+  moveNode(before: Grid, index: number, place: Vector2): Grid {
     const placed = before.placed.includes(index) ? before.placed : [...before.placed, index];
     return { nodes: this.spline(before, placed, index, place), placed };
   }
@@ -166,7 +166,7 @@ class GridDrawingView extends InputView {
   drag({ index, before }: NodeDrag, [dx, dy]: Vector2) {
     const [a, b] = this.placeOf(before, index),
       { scale } = this;
-    this.grid = this.moved(before, index, this.inside([a + dx / scale, b + dy / scale]));
+    this.grid = this.moveNode(before, index, this.inside([a + dx / scale, b + dy / scale]));
     this.move(this.grid);
     this.invalidate();
   }
@@ -212,7 +212,7 @@ class GridDrawingView extends InputView {
     const [a0, a1, b0, b1] = this.model.get("box"),
       [a, b] = this.placeOf(this.grid, index);
     const step = (event.shiftKey ? 5 : 1) * STEP * Math.max(a1 - a0, b1 - b0);
-    this.edit(this.moved(this.grid, index, this.inside([a + di * step, b + dj * step])), this.grid);
+    this.edit(this.moveNode(this.grid, index, this.inside([a + di * step, b + dj * step])), this.grid);
     this.announce(this.words(index));
   }
 

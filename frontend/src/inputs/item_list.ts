@@ -115,7 +115,7 @@ class ItemListView extends Widget {
 
   draw() {
     if (this.isNaming) return; // text being typed must not be lost; drawn when that is done
-    const held = this.#focused(),
+    const held = this.#focusedPart(),
       { rows } = this,
       chosen = this.model.get("chosen");
     this.current = Math.max(0, Math.min(this.current, rows.length - 1));
@@ -274,7 +274,7 @@ class ItemListView extends Widget {
   }
 
   /** The part of a row that has the focus, or null. */
-  #focused() {
+  #focusedPart() {
     const { activeElement } = document;
     return activeElement && this.body.contains(activeElement) ? activeElement.getAttribute("data-part") : null;
   }

@@ -50,9 +50,9 @@ class RestoreBarView extends Widget {
     this.on("msg:custom", (content: RestoreBarToFrontEnd) => {
       if (content.type === "done") this.#wait(false);
     });
-    this.on("comm_live_update", () => this.#gone("restarting"));
+    this.on("comm_live_update", () => this.#showOutcome("restarting"));
     const kernel = model.widget_manager?.kernel?.statusChanged,
-      changed: StatusSlot = (_kernel, status) => this.#gone(status);
+      changed: StatusSlot = (_kernel, status) => this.#showOutcome(status);
     kernel?.connect?.(changed);
     this.closing.signal.addEventListener("abort", () => kernel?.disconnect?.(changed));
     this.draw();
@@ -79,7 +79,7 @@ class RestoreBarView extends Widget {
     for (const button of this.buttons) button.disabled = isWaiting;
   }
 
-  #gone(status: string) {
+  #showOutcome(status: string) {
     const fate = GONE[status];
     if (!fate) return;
     this.fate = fate;

@@ -109,7 +109,7 @@ export class Camera {
    * @param toFrame 3 x 3, from space to the volume's frame
    * @param middle in the volume's frame
    */
-  inFrame([first, second, third]: Matrix3, middle: Vector3, aspect: number) {
+  frameCamera([first, second, third]: Matrix3, middle: Vector3, aspect: number) {
     const turned = (v: Vector3): Vector3 => [dot(first, v), dot(second, v), dot(third, v)];
     const right = turned(this.right),
       up = turned(this.up),

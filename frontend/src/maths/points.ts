@@ -304,7 +304,7 @@ function clampToSide(mirror: Mirror, place: Vector, side: number, near: number) 
  * Mirror an edit (`before` to `after`) to the other side.
  *
  * near: the lengths within which a source is on the axis and a partner is found; id: of the next new point; lead: the
- * side that decides where both have changed; seenAt(source): where that tissue is seen now, or null. The partner of a
+ * side that decides where both have changed; findVisible(source): where that tissue is seen now, or null. The partner of a
  * new point holds it there, and moves nothing, also where the two sides have been deformed in different ways.
  */
 export function mirrorEdit(
@@ -315,12 +315,12 @@ export function mirrorEdit(
     near,
     id,
     lead = 0,
-    seenAt = () => null,
+    findVisible = () => null,
   }: {
     near: { axis: number; partner: number };
     id: number;
     lead?: number;
-    seenAt?: (source: Vector) => Vector | null;
+    findVisible?: (source: Vector) => Vector | null;
   },
 ) {
   const was = new Map(before.map((p) => [p.id, p])),
@@ -355,7 +355,7 @@ export function mirrorEdit(
     if (partner) handled.add(partner.id);
     else if (old && !hasMoved(old, p)) continue; // switched only: nothing to make
     const made = mirrorPoint(mirror, kept, old, partner, partner ? partner.id : id);
-    if (!partner && !old) made.target = visiblePlace(made, seenAt(made.source), near.axis);
+    if (!partner && !old) made.target = visiblePlace(made, findVisible(made.source), near.axis);
     if (!partner) id += 1;
     result.set(made.id, made);
   }

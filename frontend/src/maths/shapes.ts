@@ -313,7 +313,7 @@ export function motionWords(part: PartData) {
 // ---- drawing --------------------------------------------------------------------------------------------------------
 
 /** The half plane on the other side of the line from p to q than a place. */
-export function fixedSideThrough(p: Vector2, q: Vector2, place: Vector2): HalfSpaceData {
+export function oppositeHalfPlane(p: Vector2, q: Vector2, place: Vector2): HalfSpaceData {
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1,
     n: Vector2 = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
   const isTowards = (place[0] - p[0]) * n[0] + (place[1] - p[1]) * n[1] >= 0;

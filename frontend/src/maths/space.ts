@@ -8,7 +8,7 @@ import { formatLength } from "./numbers.ts";
 import { updatePoints } from "./points.ts";
 
 /** The coordinates [a, b, c] in a picture of a place in space. */
-export function inPane({ origin, u, v, n }: Plane, place: Vector): Vector3 {
+export function toPane({ origin, u, v, n }: Plane, place: Vector): Vector3 {
   const from = difference(place as Vector3, origin);
   return [dot(from, u), dot(from, v), dot(from, n)];
 }
@@ -38,9 +38,9 @@ export function rotateInSpace(points: Point[], ids: number[], pane: PaneInfo, an
     c = factor * Math.cos(angle),
     s = factor * Math.sin(angle);
   const mean = (k: number) => chosen.reduce((sum, p) => sum + p.target[k]!, 0) / chosen.length,
-    about = inPane(pane, perAxis(mean));
+    about = toPane(pane, perAxis(mean));
   return updatePoints(points, ids, (p) => {
-    const [a, b, d] = difference(inPane(pane, p.target), about);
+    const [a, b, d] = difference(toPane(pane, p.target), about);
     return { target: fromPane(pane, [about[0] + c * a - s * b, about[1] + s * a + c * b, about[2] + factor * d]) };
   });
 }
@@ -111,8 +111,8 @@ export function updateSources(points: Point[], known: Point[]) {
  * @param depth of the slice; null in pictures of the whole volume
  */
 export function flatPoint(p: Point, pane: PaneInfo, depth: number | null): FlatPoint {
-  const target = inPane(pane, p.target),
-    source = inPane(pane, p.source);
+  const target = toPane(pane, p.target),
+    source = toPane(pane, p.source);
   const away = depth === null ? 0 : target[2] - depth;
   const isFar = depth !== null && Math.abs(away) > 0.75 * pane.spacing[2];
   const name = isFar ? `${p.name || p.id} ${away > 0 ? "+" : "\u2212"}${formatLength(Math.abs(away))}` : p.name;

@@ -435,7 +435,7 @@ function fitFrom(layered: LayeredFit | null, x: number, y: number) {
 }
 
 /** The place where the tissue of a place is visible, null where it is not. */
-export function placeSeen(layered: LayeredFit | null, [x, y]: Vector, tolerance: number): Vector2 | null {
+export function findVisiblePlace(layered: LayeredFit | null, [x, y]: Vector, tolerance: number): Vector2 | null {
   const k = fitFrom(layered, x, y),
     at = new Float64Array(2) as Numbers2;
   if (!layered || k < 0) return [x, y];

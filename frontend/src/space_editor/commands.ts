@@ -20,7 +20,7 @@ function rename({ edits, names, points, row }: SpaceCommandEditor, id: number, p
   } = flatPoint(p, pane.info, null);
   const box = row.element.getBoundingClientRect(),
     stage = pane.stage.getBoundingClientRect(),
-    [x, y] = pane.viewport.onView([a, b]);
+    [x, y] = pane.viewport.toView([a, b]);
   names.prompt(p.name, `point ${id}`, [stage.left - box.left + x, stage.top - box.top + y], {
     take: (text) => edits.edit(renamePoint(points.list, id, text), "rename"),
     focus: () => pane.handles.focus(id),

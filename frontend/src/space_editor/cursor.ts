@@ -1,6 +1,6 @@
 // The place at which the slices meet.
 
-import { fromPane, inPane } from "../maths/space.ts";
+import { fromPane, toPane } from "../maths/space.ts";
 import type { PaneInfo, Vector3 } from "../types.ts";
 import type { SpaceParts } from "./parts.ts";
 
@@ -36,7 +36,7 @@ export class SliceCursor {
   /** @param place which is clamped to the volume */
   set(place: Vector3, isMoving: boolean) {
     this.place = this.panes.reduce<Vector3>((at, pane) => {
-      const [a, b, c] = inPane(pane, at),
+      const [a, b, c] = toPane(pane, at),
         [low, high] = pane.depths;
       return c < low || c > high ? fromPane(pane, [a, b, Math.max(low, Math.min(high, c))]) : at;
     }, place);
@@ -46,11 +46,11 @@ export class SliceCursor {
 
   /** The depth of the slice of a picture. */
   depthIn(pane: PaneInfo) {
-    return inPane(pane, this.place)[2];
+    return toPane(pane, this.place)[2];
   }
 
   setDepth(pane: PaneInfo, depth: number) {
-    const [a, b] = inPane(pane, this.place);
+    const [a, b] = toPane(pane, this.place);
     this.set(fromPane(pane, [a, b, depth]), true);
   }
 

@@ -302,7 +302,7 @@ export class SpaceEditorView extends EditorDrawing {
     }
     status.facts = { folds: status.facts.folds, worst: status.facts.worst, ...facts };
     this.frames.drawNow();
-    requests.received(seq);
+    requests.confirm(seq);
   }
 
   receivePanes() {

@@ -4,7 +4,7 @@ import type { Band } from "../editor/gesture.ts";
 import { Handles, ToolMarks } from "../editor/handles.ts";
 import { Viewport } from "../editor/viewport.ts";
 import { dot, scaled, sideOf } from "../maths/camera.ts";
-import { clearness, flatPoint, fromPane, inPane, spaceLabel, spaceTip } from "../maths/space.ts";
+import { clearness, flatPoint, fromPane, spaceLabel, spaceTip, toPane } from "../maths/space.ts";
 import type { FlatPoint, PaneInfo, Point, Vector2, Vector3 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import { PaneImage } from "./pane_image.ts";
@@ -110,15 +110,15 @@ export class SpacePane {
 
   /** Bring a place into the middle of the view, if the picture is not fully visible. */
   lookAt(place: Vector3) {
-    const [x, y] = this.onView(place),
+    const [x, y] = this.toView(place),
       { isFitted, view } = this.viewport;
     if (!isFitted) this.viewport.panBy(view.width / 2 - x, view.height / 2 - y);
   }
 
   /** The place of the view at a place in space. */
-  onView(place: Vector3) {
-    const [a, b] = inPane(this.info, place);
-    return this.viewport.onView([a, b]);
+  toView(place: Vector3) {
+    const [a, b] = toPane(this.info, place);
+    return this.viewport.toView([a, b]);
   }
 
   /** The place in space under a place of the view: on the slice, or the visible tissue there of the whole volume. */
@@ -163,7 +163,7 @@ export class SpacePane {
   moveCross(at: Vector2, line: Line | null, isMoving: boolean) {
     const { cursor } = this.editor,
       [a, b] = this.viewport.placeAt(at),
-      [a0, b0, c0] = inPane(this.info, cursor.place);
+      [a0, b0, c0] = toPane(this.info, cursor.place);
     const isFlat = cursor.isSlice || line; // of the whole volume: the visible tissue there
     const place = fromPane(this.info, [line === "h" ? a0 : a, line === "v" ? b0 : b, c0]);
     cursor.set(isFlat ? place : this.under(at), isMoving);
@@ -179,11 +179,11 @@ export class SpacePane {
     this.image.paint(view, theme.colours.stage);
     this.describe();
     this.overlay.drawCross(
-      this.onView(cursor.place),
+      this.toView(cursor.place),
       view,
       LINES.map((line) => this.#crossing(line)),
     );
-    this.overlay.drawWorst(worst && this.onView(worst));
+    this.overlay.drawWorst(worst && this.toView(worst));
     this.overlay.drawNodes(model.get("snap") || 0, view, this.info);
     return this.#drawPoints();
   }
@@ -223,7 +223,7 @@ export class SpacePane {
       isLocked: points.isLocked,
       isHolding: edits.drag0 !== null,
       isAdding: modes.isAdding,
-      onView: (place) => viewport.onView(place),
+      toView: (place) => viewport.toView(place),
     });
   }
 }

@@ -17,7 +17,7 @@ function contextOf(canvas: HTMLCanvasElement) {
 }
 
 /** Parts and cuts as a translucent picture. */
-function tinted([height, width]: [number, number], shares: Uint8Array) {
+function tintShapes([height, width]: [number, number], shares: Uint8Array) {
   const made = new ImageData(width, height),
     canvas = makeCanvas(width, height);
   for (let k = 0, j = 0; k < shares.length; k += 2, j += 4) {
@@ -86,7 +86,7 @@ export class PaneImage {
     contextOf(this.picture).putImageData(made, 0, 0);
     this.#raster = { shape: [height, width], spacing, origin };
     this.#depths = depths;
-    this.#shapes = shapes && shares && tinted(shapes, shares);
+    this.#shapes = shapes && shares && tintShapes(shapes, shares);
   }
 
   /** Paint it, unless it is on the canvas: most frames with moving points have the same picture. */

@@ -15,7 +15,7 @@ import {
   toggleLocks,
   turnOfKey,
 } from "../maths/points.ts";
-import { fromPane, inPane, rotateInSpace, translateInSpace, vectorFromPane } from "../maths/space.ts";
+import { fromPane, rotateInSpace, toPane, translateInSpace, vectorFromPane } from "../maths/space.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { Mirror, PaneInfo, Point, Vector2, Vector3 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
@@ -98,7 +98,7 @@ export class SpacePointTools {
   addAt(pane: SpacePane, at: Vector2) {
     const { editor } = this;
     const near = pane.flatPoints().find(({ isFar, target }) => {
-      const [x, y] = pane.viewport.onView(target);
+      const [x, y] = pane.viewport.toView(target);
       return !isFar && Math.hypot(x - at[0], y - at[1]) < SPACE_NEAR;
     });
     if (near) {
@@ -110,7 +110,7 @@ export class SpacePointTools {
       editor.messages.hint("Points are put inside the volume");
       return null;
     }
-    return this.addPlace(fromPane(pane.info, this.#snapped(pane.info, inPane(pane.info, pane.under(at)))), pane);
+    return this.addPlace(fromPane(pane.info, this.#snapToNode(pane.info, toPane(pane.info, pane.under(at)))), pane);
   }
 
   addPlace(place: Vector3, pane: SpacePane) {
@@ -218,7 +218,7 @@ export class SpacePointTools {
       a = dot(normal, pane.u),
       b = dot(normal, pane.v);
     if (!on || Math.max(Math.abs(a), Math.abs(b)) < 0.9) return null;
-    const place = inPane(pane, scaled(normal, at)),
+    const place = toPane(pane, scaled(normal, at)),
       k = Math.abs(a) > Math.abs(b) ? 0 : 1;
     return { on, axis: "ab"[k], at: place[k] };
   }
@@ -261,7 +261,7 @@ export class SpacePointTools {
   }
 
   /** The next node in a picture, whose nodes begin at the middle of its first voxel; the depth stays. */
-  #snapped(pane: PaneInfo, [a, b, c]: Vector3): Vector3 {
+  #snapToNode(pane: PaneInfo, [a, b, c]: Vector3): Vector3 {
     const { snap: step } = this,
       {
         box: [a0, , b0],
@@ -277,7 +277,7 @@ export class SpacePointTools {
     const p = this.editor.edits.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
     const target = p.target as Vector3;
-    return difference(fromPane(pane, this.#snapped(pane, inPane(pane, added(target, way)))), target);
+    return difference(fromPane(pane, this.#snapToNode(pane, toPane(pane, added(target, way)))), target);
   }
 
   // ---- turning and scaling ------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import type { Gesture, GrabbedPoint } from "../editor/gesture.ts";
 import { BandGesture, PanGesture, PointsGesture, TapGesture, TurnGesture } from "../editor/gesture.ts";
 import { isRightClick, preventScrolling, WheelSteps } from "../editor/handles.ts";
 import { middleOf } from "../maths/points.ts";
-import { inPane } from "../maths/space.ts";
+import { toPane } from "../maths/space.ts";
 import type { Vector2 } from "../types.ts";
 import { slackOf, targetOf, treeOf } from "../ui/dom.ts";
 import { CrossGesture, MirrorGesture } from "./gestures.ts";
@@ -85,7 +85,7 @@ export class PaneGestures {
     const { points, row } = this.editor,
       at = this.#placeOf(event);
     if (points.isWaiting || this.gesture) return;
-    this.isOthers = event.pointerType === "touch" && !row.isWorkedIn; // before this press gives it the focus
+    this.isOthers = event.pointerType === "touch" && !row.isInUse; // before this press gives it the focus
     this.pane.svg.setPointerCapture(event.pointerId);
     event.preventDefault();
     this.pointer = event.pointerId;
@@ -138,10 +138,10 @@ export class PaneGestures {
       ids = tools.beginTurn();
     if (!ids) return null;
     const turned = points.list.filter((p) => ids.includes(p.id));
-    const about = middleOf(turned.map((p) => ({ target: inPane(pane.info, p.target) })));
+    const about = middleOf(turned.map((p) => ({ target: toPane(pane.info, p.target) })));
     return new TurnGesture(
       at,
-      pane.viewport.onView(about),
+      pane.viewport.toView(about),
       (angle, factor) => tools.turnTo(pane, ids, angle, factor),
       (isCancelled, kind) => edits.endDrag(isCancelled, kind),
     );
@@ -199,7 +199,7 @@ export class PaneGestures {
     const { cursor, messages, row } = this.editor,
       { info, viewport } = this.pane,
       isZoom = event.ctrlKey || event.metaKey;
-    if (!isZoom && !row.isWorkedIn) {
+    if (!isZoom && !row.isInUse) {
       messages.hint("Click a picture to go through its slices with the wheel");
       return;
     }

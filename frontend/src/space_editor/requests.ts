@@ -78,7 +78,7 @@ export class PictureRequests {
   }
 
   /** Pictures have arrived and are shown; `seq` is the number of their message. */
-  received(seq: number) {
+  confirm(seq: number) {
     clearTimeout(this.#slowTimer);
     if (this.isSlow) {
       this.isSlow = false;

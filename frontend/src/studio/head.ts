@@ -71,15 +71,15 @@ class StudioHead extends Widget {
       this.#dismiss(event);
       this.#closeExamples(event);
     });
-    this.listen(window, "change", (event) => this.#chosen(event));
+    this.listen(window, "change", (event) => this.#returnFocus(event));
     const { signal } = this.closing;
-    this.arrivals = new MutationObserver(() => this.#arrived());
+    this.arrivals = new MutationObserver(() => this.#waitUntilLoaded());
     this.sizes = new ResizeObserver(() => this.arrange());
     this.sizes.observe(el);
     this.draw();
     requestAnimationFrame(() => {
       if (this.studio && !signal.aborted) this.arrivals.observe(this.studio, { subtree: true, childList: true });
-      this.#arrived();
+      this.#waitUntilLoaded();
       if (this.studio && !signal.aborted) this.#showWords(this.studio, signal);
       if (this.studio && !signal.aborted) nameControls(this.studio, signal);
     });
@@ -124,7 +124,7 @@ class StudioHead extends Widget {
   }
 
   /** More of the studio is loaded: until its panel and its editor are there. */
-  #arrived() {
+  #waitUntilLoaded() {
     this.#addSidePanel();
     this.arrange();
     if (this.side && this.#editor) this.arrivals.disconnect();
@@ -235,7 +235,7 @@ class StudioHead extends Widget {
   }
 
   /** After a choice with the pointer in a menu over the panes the keys are the picture's again. */
-  #chosen({ target }: Event) {
+  #returnFocus({ target }: Event) {
     const isOurs =
       target instanceof HTMLSelectElement && this.studio?.contains(target) && target.closest(".dnb-pane-head");
     if (isOurs && !target.matches(":focus-visible")) this.#editor?.stage.focus();

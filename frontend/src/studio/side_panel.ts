@@ -17,7 +17,7 @@ const STEP = 16,
 
 export type Remembered = { width?: number; tab?: string; open?: Record<string, boolean> };
 
-function remembered(): Remembered {
+function storedLayout(): Remembered {
   const found = document.cookie
     .split("; ")
     .find((part) => part.startsWith(`${COOKIE}=`))
@@ -30,7 +30,7 @@ function remembered(): Remembered {
 }
 
 function remember(changes: Remembered) {
-  const before = remembered(),
+  const before = storedLayout(),
     value = JSON.stringify({ ...before, ...changes });
   // biome-ignore lint/suspicious/noDocumentCookie: not every browser has the Cookie Store API
   if (value !== JSON.stringify(before)) document.cookie = `${COOKIE}=${encodeURIComponent(value)}; ${KEPT}`;
@@ -98,9 +98,9 @@ export class SidePanel {
     const attributeFilter = ["aria-expanded", "aria-selected"];
     this.changes.observe(panel, { subtree: true, childList: true, attributes: true, attributeFilter });
     this.sizes = new ResizeObserver((entries) => {
-      for (const { target } of entries) this.#sized(target);
+      for (const { target } of entries) this.#revealSection(target);
     });
-    const { width } = remembered();
+    const { width } = storedLayout();
     this.#show(typeof width === "number" ? width : FIRST);
     this.#follow();
   }
@@ -182,7 +182,7 @@ export class SidePanel {
 
   /** Apply the stored state to loaded sections, store the user's changes, and show the opened section. */
   #follow() {
-    const { open = {}, tab } = remembered();
+    const { open = {}, tab } = storedLayout();
     this.#followTab(tab);
     const now = { ...open };
     for (const section of this.panel.querySelectorAll(".dnb-section")) {
@@ -217,7 +217,7 @@ export class SidePanel {
   }
 
   /** A section that grows by its contents, or by a choice in one of its menus, is scrolled into view. */
-  #sized(section: Element) {
+  #revealSection(section: Element) {
     const { height } = section.getBoundingClientRect(),
       before = this.heights.get(section) ?? height;
     this.heights.set(section, height);

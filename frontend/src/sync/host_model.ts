@@ -4,7 +4,7 @@
 //   const close = await widget.render({ model, el });
 //   model.receive(content, buffers)      a custom message from the other side
 //   model.update(state)                  traits that the other side has changed
-//   model.answered(state)                its values of traits that we have saved; with `isAnswered` once for each save
+//   model.confirm(state)                 its values of traits that we have saved; with `isAnswered` once for each save
 //
 // `deliver` receives the messages of model.send; `save` the traits that the front end has changed. Until our last
 // save of a trait is answered, values of that trait from the other side are old.
@@ -98,7 +98,7 @@ export class PlainModel implements Model {
     this.#take(Object.fromEntries(Object.entries(state).filter(([name]) => !this.unanswered.get(name))));
   }
 
-  answered(state: Values) {
+  confirm(state: Values) {
     for (const name of Object.keys(state)) {
       this.unanswered.set(name, Math.max(0, (this.unanswered.get(name) ?? 0) - 1));
     }

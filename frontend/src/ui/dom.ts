@@ -120,7 +120,7 @@ export function targetOf(event: Event) {
 /**
  * Whether an element handles wheel and fingers, and not its scrolling parents: it is in use, or nothing scrolls.
  */
-export function isWorkedIn(root: HTMLElement) {
+export function isInUse(root: HTMLElement) {
   return root.matches(":focus-within") || !scrollsAround(root);
 }
 

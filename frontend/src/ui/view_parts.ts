@@ -100,7 +100,7 @@ const FLICKER_MS = 700; // long enough to inspect one place, short enough to see
  * Give a view's root the size of its model's traits, as far as there is room; returns its size in CSS pixels and the
  * pixels of the screen for one of them.
  */
-export function sized(root: HTMLElement, host: HTMLElement, model: Model) {
+export function stageSize(root: HTMLElement, host: HTMLElement, model: Model) {
   const width = model.get("width"),
     height = model.get("height");
   root.style.width = `${width}px`;
@@ -222,13 +222,13 @@ export function listen(
 }
 
 /** The function that closes a view that has just been drawn. */
-export function opened(view: { elements: { root: HTMLElement }; close: () => void }) {
+export function closerOf(view: { elements: { root: HTMLElement }; close: () => void }) {
   Object.assign(view.elements.root, { deformnb: view }); // for tests and for debugging
   return () => view.close();
 }
 
 /** The measurements of a FrameLoop, as they are sent to Python. */
-export function measuredBy({
+export function renderStats({
   times: { drag, full, passes, frames },
   quick: { scale },
   caster: {

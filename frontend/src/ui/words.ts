@@ -61,16 +61,16 @@ export class Translator {
     if (found === undefined) {
       found =
         this.table.get(core) ??
-        this.#inTwo(PARTED, core) ??
-        this.#byPattern(core) ??
-        this.#inPieces(core) ??
+        this.#translateHalves(PARTED, core) ??
+        this.#translatePattern(core) ??
+        this.#translatePieces(core) ??
         this.#withoutPeriod(core);
       this.known.set(core, found);
     }
     return found;
   }
 
-  #byPattern(core: string) {
+  #translatePattern(core: string) {
     for (const { part, regex, names, value } of this.patterns) {
       const match = core.includes(part) && regex.exec(core);
       if (!match) continue;
@@ -96,7 +96,7 @@ export class Translator {
   }
 
   /** Translates what is before and after the first break between two pieces; a piece may have breaks within. */
-  #inTwo(at: RegExp, core: string) {
+  #translateHalves(at: RegExp, core: string) {
     for (const { 0: between, index } of core.matchAll(at)) {
       const first = this.#piece(core.slice(0, index)),
         rest = first === null ? null : this.#piece(core.slice(index + between.length));
@@ -111,9 +111,9 @@ export class Translator {
   }
 
   /** Translates the pieces of a text; null unless the table has all that are words. */
-  #inPieces(core: string) {
+  #translatePieces(core: string) {
     for (const at of BREAKS) {
-      const made = this.#inTwo(at, core);
+      const made = this.#translateHalves(at, core);
       if (made !== null) return made;
     }
     const [, before, aside, period] = /^(.+?) \((.+)\)(\.?)$/s.exec(core) ?? [],

@@ -78,7 +78,7 @@ export function withLayers(
     size = rows * columns * 2,
     before = base.cut ? base.cut.sides.length : 1;
   const count = layers / before,
-    cut = layered.regions.length ? cutOf(base, layered, cuts) : null;
+    cut = layered.regions.length ? planeCut(base, layered, cuts) : null;
   const isSame = cut ? cut.sides === base.cut?.sides : !base.cut;
   if (index >= count || (!isSame && count > 1)) return null; // Python must divide the other maps too
   const keys = cut ? cut.sides.map(bitsOf) : [0];
@@ -97,7 +97,7 @@ export function withLayers(
 /**
  * The cuts of a fit: the base's own while the lines are unchanged, for then only the maps change.
  */
-function cutOf(base: PlanarField, layered: LayeredFit, cuts: CutData[]): PlaneCut | null {
+function planeCut(base: PlanarField, layered: LayeredFit, cuts: CutData[]): PlaneCut | null {
   const name = JSON.stringify(cuts.filter((cut) => cut.enabled !== false).map((cut) => cut.region));
   const old = base.cut,
     isSame = old && (old.name ?? JSON.stringify(old.regions)) === name;
@@ -204,10 +204,10 @@ export class FieldLink {
     const { model: editor, bus } = found;
     this.editor = editor;
     this.bus = bus;
-    this.followed.hear(bus, "deformnb:points", ({ detail }) => this.moved(detail));
+    this.followed.hear(bus, "deformnb:points", ({ detail }) => this.followMove(detail));
     // An editor that is not drawn in this window publishes nothing; its traits still change.
     const changed = () => {
-      if (!bus.latest) this.moved(traitsOf(bus, editor));
+      if (!bus.latest) this.followMove(traitsOf(bus, editor));
     };
     for (const name of FOLLOWED) {
       editor.on(`change:${name}`, changed);
@@ -224,12 +224,12 @@ export class FieldLink {
     const { bus, editor } = this,
       isSwitch = follow !== null && this.index !== null && this.index !== follow.index;
     this.base = planar;
-    this.expected = follow && madeKey(follow.points, follow.shapes ?? shapesOf(editor));
+    this.expected = follow && shapesKey(follow.points, follow.shapes ?? shapesOf(editor));
     if (follow) this.index = follow.index;
     if (!planar || !bus || !editor) return planar;
     const isMoving = bus.latest?.phase === "move";
     if (isMoving || (follow && !isSwitch && this.#isNewer(bus, editor))) {
-      const newer = this.#sampled(newestOf(bus, editor));
+      const newer = this.#sampleField(newestOf(bus, editor));
       if (newer) return newer;
     }
     this.settled = detailKey(newestOf(bus, editor));
@@ -238,10 +238,10 @@ export class FieldLink {
 
   /** True if the editor has other points than Python's maps. */
   #isNewer(bus: Bus, editor: Model) {
-    return this.expected !== madeKey(pointsOf(bus, editor) || [], shapesOf(editor));
+    return this.expected !== shapesKey(pointsOf(bus, editor) || [], shapesOf(editor));
   }
 
-  moved(detail: Detail) {
+  followMove(detail: Detail) {
     const isMoving = detail.phase === "move";
     this.awaited = isMoving ? detail : null;
     this.move(isMoving); // also of an end at which nothing is new: the view waits for one
@@ -257,11 +257,11 @@ export class FieldLink {
 
   /** Sample a fit on the raster of the maps that Python has sent, and show it. */
   refit(detail: Detail, isDrawing = false) {
-    const planar = this.#sampled(detail);
+    const planar = this.#sampleField(detail);
     if (planar) this.apply(planar, isDrawing);
   }
 
-  #sampled({ points, settings, layered, sampled, phase }: Detail) {
+  #sampleField({ points, settings, layered, sampled, phase }: Detail) {
     if (!this.base) return null;
     const start = performance.now();
     let found = null;
@@ -320,7 +320,7 @@ export function pointsKey(points: Point[]) {
   );
 }
 
-function madeKey(points: Point[], shapes: Shapes) {
+function shapesKey(points: Point[], shapes: Shapes) {
   return pointsKey(points) + JSON.stringify(SHAPES.map((name) => shapes[name]));
 }
 

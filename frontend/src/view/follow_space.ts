@@ -61,7 +61,7 @@ export class SpaceLink {
     const { model: editor, bus } = found;
     this.editor = editor;
     this.bus = bus;
-    this.followed.hear(bus, "deformnb:points", ({ detail }) => this.moved(detail));
+    this.followed.hear(bus, "deformnb:points", ({ detail }) => this.followMove(detail));
     this.view.follows(senderOf(bus, editor).channel.id);
   }
 
@@ -74,11 +74,11 @@ export class SpaceLink {
     if (!bus || !editor || !this.given) return space;
     const { points } = isMoving && bus.latest ? bus.latest : senderOf(bus, editor);
     if (pointsKey(points) !== this.given.key)
-      this.shown = this.#sampled({ points, settings: settingsOf(editor) }) ?? space;
+      this.shown = this.#sampleField({ points, settings: settingsOf(editor) }) ?? space;
     return this.shown;
   }
 
-  moved(detail: PointsDetail) {
+  followMove(detail: PointsDetail) {
     if (!this.given) return;
     const isMoving = detail.phase === "move";
     this.awaited = isMoving ? detail : null;
@@ -95,13 +95,13 @@ export class SpaceLink {
 
   #show(detail: Detail, isMoving: boolean) {
     const { given } = this;
-    const space = given && (pointsKey(detail.points) === given.key ? given.space : this.#sampled(detail));
+    const space = given && (pointsKey(detail.points) === given.key ? given.space : this.#sampleField(detail));
     if (!space || space === this.shown) return; // a failed fit leaves the last good picture, as in Python
     this.shown = space;
     this.view.apply(space, isMoving);
   }
 
-  #sampled({ points, settings }: Detail): SpaceField | null {
+  #sampleField({ points, settings }: Detail): SpaceField | null {
     const { given } = this,
       info = this.view.info();
     if (!given || !info) return null;

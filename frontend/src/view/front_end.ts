@@ -33,7 +33,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
       showView: (view) => this.showView(view),
       rethemed: () => this.setBackground(),
       flip: (layer) => this.flip(layer),
-      compared: () => this.compared(),
+      handleComparison: () => this.handleComparison(),
       resized: () => this.size(),
       picture: () => this.picture(),
     });
@@ -54,7 +54,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
   abstract flip(layer: number): void;
 
   /** The line or the slider between original and deformed was moved. */
-  abstract compared(): void;
+  abstract handleComparison(): void;
 
   /** A screenshot as a PNG; null for none. */
   abstract picture(): Promise<Blob | null>;
@@ -74,7 +74,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
   takeShows(isDrawn = true) {
     const { elements } = this,
       { shows } = elements;
-    this.camera.reframed(() => {
+    this.camera.reframe(() => {
       this.shown = shows;
     });
     elements.flicker.set(shows === "flicker" && isDrawn);
@@ -105,11 +105,11 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
   /** Write the camera to its trait, only when a movement has ended: a trait costs more than a message. */
   writeCamera() {
     this.camera.write();
-    this.settled();
+    this.handleRest();
   }
 
   /** Called when the camera is at rest. */
-  settled() {}
+  handleRest() {}
 
   showView(view: ViewName) {
     if (!this.info) return;

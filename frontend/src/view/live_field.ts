@@ -40,12 +40,12 @@ export class LiveField {
     this.link = new FieldLink(
       model,
       (planar, isDrawing) => this.#follow(planar, isDrawing),
-      (isMoving) => this.#moved(isMoving),
+      (isMoving) => this.#handleMove(isMoving),
     );
     this.times = new TimeLink(model, (planar, isPlaying) => this.#play(planar, isPlaying));
     this.spaceLink = new SpaceLink(model, {
       info: () => view.info,
-      move: (isMoving) => this.#moved(isMoving),
+      move: (isMoving) => this.#handleMove(isMoving),
       apply: (space, isMoving) => this.#followSpace(space, isMoving),
       follows: (sender) => messages.send({ type: "follows", sender }),
     });
@@ -68,7 +68,7 @@ export class LiveField {
       ? this.times.take(content, content.frames, buffers as [Bytes, Bytes])
       : fieldOf(content, buffers, this.cuts);
     if (!field) return false;
-    view.camera.reframed(() => {
+    view.camera.reframe(() => {
       // a larger field of view is fully visible
       this.shown = {
         ...field,
@@ -126,7 +126,7 @@ export class LiveField {
   }
 
   /** A point is moving: its maps are made with the next picture, or now if none is drawn here. */
-  #moved(isMoving: boolean) {
+  #handleMove(isMoving: boolean) {
     const { caster, loop } = this.view;
     if (!isMoving && loop?.movement.isHeld) loop.release();
     if (!isMoving) return;

@@ -6,7 +6,7 @@ import type { FieldMaps, LiveViewToFrontEnd, ScreenshotRequest } from "../genera
 import { clipOf, isClipped } from "../maths/clipping.ts";
 import type { Model, Vector2 } from "../types.ts";
 import { setText } from "../ui/dom.ts";
-import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.ts";
+import { closerOf, picturesOf, remarksOn, renderStats } from "../ui/view_parts.ts";
 import { RayCaster } from "../webgl/raycaster.ts";
 import type { Picture } from "../webgl/types.ts";
 import { NOT_HELD } from "../webgl/voxel_textures.ts";
@@ -51,8 +51,8 @@ export class LiveVolumeView extends VolumeFrontEnd {
     super(model, el, "dnb-live", "The live view");
     const { canvas } = this.elements;
     this.pixels = [canvas.width, canvas.height];
-    canvas.addEventListener("webglcontextlost", (event) => this.#lost(event));
-    canvas.addEventListener("webglcontextrestored", () => this.#restored());
+    canvas.addEventListener("webglcontextlost", (event) => this.#handleContextLoss(event));
+    canvas.addEventListener("webglcontextrestored", () => this.#handleContextRestore());
     this.voxels = new LiveVoxels(this);
     this.setBackground();
     this.size();
@@ -83,7 +83,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     const { width, height } = this.elements.fit(),
       [w, h] = [Math.max(1, width), Math.max(1, height)];
     if (this.pixels[0] === w && this.pixels[1] === h) return;
-    this.camera.reframed(() => {
+    this.camera.reframe(() => {
       this.pixels = [w, h];
     });
     this.caster?.resize(w, h);
@@ -111,7 +111,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
   }
 
   /** The line or the slider between original and deformed was moved. */
-  compared() {
+  handleComparison() {
     if (this.elements.shows !== "fade") {
       this.touch();
       return;
@@ -145,7 +145,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
 
   // -- the camera ----------------------------------------------------------------------------------------------------
 
-  override settled() {
+  override handleRest() {
     this.still?.request();
   }
 
@@ -196,7 +196,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     this.still.request();
   }
 
-  #lost(event: Event) {
+  #handleContextLoss(event: Event) {
     event.preventDefault(); // else the context is never restored
     if (this.closed) return;
     if (this.loop) this.loop.close();
@@ -205,7 +205,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     this.fall("Drawn in Python until the lost graphics context comes back.");
   }
 
-  #restored() {
+  #handleContextRestore() {
     if (this.closed) return;
     this.still?.close();
     this.still = null;
@@ -250,7 +250,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
       if (!this.still) this.fall(NOT_HELD); // no Python that could make the volume smaller
       return this.still?.receive(buffers[0]!);
     }
-    if (content.type === "drawn") return this.still?.drawn(content.info as unknown as VolumeInfo);
+    if (content.type === "drawn") return this.still?.replaceFrontEnd(content.info as unknown as VolumeInfo);
     if (content.type === "info") return this.still?.inform(content.info as unknown as VolumeInfo);
     if (content.type === "screenshot") return this.screenshot(content);
     if (content.type === "movie_frame") return this.movies.draw(content, buffers);
@@ -270,7 +270,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
   }
 
   /** All voxels are on the GPU. */
-  uploaded() {
+  handleUpload() {
     if (!this.field) this.hello(); // lost in transit
     this.shownField.apply();
     this.touch();
@@ -295,7 +295,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     const confirm = () => {
       if (!this.closed) this.messages.send({ type: "seen", seq });
     };
-    if (this.still) this.still.whenShown(confirm);
+    if (this.still) this.still.callWhenShown(confirm);
     else if (this.loop && this.caster?.isReady) this.loop.begun.push(confirm);
     else confirm();
   }
@@ -318,7 +318,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
   sendStats(loop: FrameLoop) {
     const { link, spaceLink } = this.shownField;
     this.stats = {
-      ...measuredBy(loop),
+      ...renderStats(loop),
       received: this.voxels.received + this.shownField.received,
       edits: link.count + spaceLink.count,
       edit_ms: link.ms,
@@ -344,7 +344,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
 }
 
 function render({ model, el }: { model: Model; el: HTMLElement }) {
-  return opened(new LiveVolumeView(model, el));
+  return closerOf(new LiveVolumeView(model, el));
 }
 
 export default { render };

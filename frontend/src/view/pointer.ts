@@ -1,7 +1,7 @@
 // Pointer, wheel and keys of a view: turn, move, zoom. One finger turns, two move and zoom.
 
 import type { Vector2 } from "../types.ts";
-import { isWorkedIn } from "../ui/dom.ts";
+import { isInUse } from "../ui/dom.ts";
 import type { VolumeViewLike } from "./types.ts";
 /** In CSS pixels */
 export type ScreenBox = { left: number; top: number; width: number; height: number };
@@ -118,7 +118,7 @@ export class PointerControls {
   }
 
   wheel(event: WheelEvent) {
-    if (!event.ctrlKey && !event.metaKey && !isWorkedIn(this.view.elements.canvas)) return;
+    if (!event.ctrlKey && !event.metaKey && !isInUse(this.view.elements.canvas)) return;
     event.preventDefault();
     const pixels = event.deltaY * (event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1);
     this.zoom(Math.exp(-Math.max(-300, Math.min(300, pixels)) * 0.0016), event);

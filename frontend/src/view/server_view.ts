@@ -6,7 +6,7 @@ import type { FrameSent, ToServerRenderer, TrameAddress, VolumeViewToFrontEnd } 
 import { COMPARISONS, LARGEST_SIDE } from "../generated.ts";
 import type { Model, ModelHandler, Vector2 } from "../types.ts";
 import { pageElement } from "../ui/dom.ts";
-import { opened } from "../ui/view_parts.ts";
+import { closerOf } from "../ui/view_parts.ts";
 import { VolumeFrontEnd } from "./front_end.ts";
 import type { Bytes, VolumeInfo } from "./types.ts";
 import type { ViewElements, ViewMessages } from "./view_elements.ts";
@@ -64,7 +64,7 @@ export class ServerVolumeView extends VolumeFrontEnd {
     this.paint();
   }
 
-  compared() {
+  handleComparison() {
     this.paint();
   }
 
@@ -96,7 +96,7 @@ export class ServerVolumeView extends VolumeFrontEnd {
     }; // our frame may be shown in pages of it
     const sent = JSON.stringify(now);
     if (sent === this.sized) return;
-    this.camera.reframed(() => {
+    this.camera.reframe(() => {
       this.elements.canvas.width = now.width;
       this.elements.canvas.height = now.height;
     });
@@ -258,7 +258,7 @@ export class StillPicture {
   }
 
   /** Call `callback` when there is a picture of the present state; with Python's own pictures at once. */
-  whenShown(callback: () => void) {
+  callWhenShown(callback: () => void) {
     if (this.pictures) {
       callback();
       return;
@@ -274,7 +274,7 @@ export class StillPicture {
   }
 
   /** Replace a front end that cannot draw by Python's pictures. */
-  drawn(info: VolumeInfo | null) {
+  replaceFrontEnd(info: VolumeInfo | null) {
     if (info) this.inform(info);
     if (this.pictures) return;
     const { view } = this,
@@ -291,7 +291,7 @@ export class StillPicture {
     view.elements.root.hidden = true;
     this.pictures = new ServerVolumeView(part, view.elements.host);
     this.pictures.elements.showMessage(this.why);
-    opened(this.pictures);
+    closerOf(this.pictures);
     this.#runCallback();
   }
 

@@ -68,7 +68,7 @@ export class ViewCamera extends Camera {
 
   /** The camera in the volume's own frame, for a picture of this width by height. */
   forAspect(aspect: number) {
-    return this.inFrame(this.info.to_frame, this.middle, aspect);
+    return this.frameCamera(this.info.to_frame, this.middle, aspect);
   }
 
   write() {
@@ -80,7 +80,7 @@ export class ViewCamera extends Camera {
   }
 
   /** Apply a change of the shape of the picture or of the box: the zoom stays, not the scale. */
-  reframed(change: () => void) {
+  reframe(change: () => void) {
     const zoom = this.view.info ? this.full / this.height : 0;
     change();
     if (zoom) this.height = this.full / zoom;

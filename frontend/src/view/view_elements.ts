@@ -6,7 +6,16 @@ import { CompareControls } from "../ui/compare_controls.ts";
 import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
 import { Theme } from "../ui/theme.ts";
-import { altText, captionsOf, Flicker, Frames, listen, type Shows, sized, type ViewName } from "../ui/view_parts.ts";
+import {
+  altText,
+  captionsOf,
+  Flicker,
+  Frames,
+  listen,
+  type Shows,
+  stageSize,
+  type ViewName,
+} from "../ui/view_parts.ts";
 import type { Background } from "../webgl/raycaster.ts";
 import type { ViewCamera } from "./view_camera.ts";
 
@@ -22,7 +31,7 @@ export interface ElementActions {
   /** The other one of two alternating pictures is visible */
   flip: (layer: number) => void;
   /** The line between original and deformed was moved, or the slider of their mixture */
-  compared: () => void;
+  handleComparison: () => void;
   resized: () => void;
   /** A screenshot as a PNG; null for none */
   picture: () => Promise<Blob | null>;
@@ -70,7 +79,7 @@ export class ViewElements {
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
     this.theme = new Theme(this.root, actions.rethemed);
     this.flicker = new Flicker(this.root, actions.flip);
-    this.compare = new CompareControls(this.root, actions.compared);
+    this.compare = new CompareControls(this.root, actions.handleComparison);
     this.observer = new ResizeObserver(actions.resized);
     this.observer.observe(this.root);
   }
@@ -95,7 +104,7 @@ export class ViewElements {
 
   /** Take the size of the traits, as far as there is room; the picture's own in pixels. */
   fit() {
-    const { ratio, ...box } = sized(this.root, this.host, this.model);
+    const { ratio, ...box } = stageSize(this.root, this.host, this.model);
     this.box = box;
     return { width: Math.round(box.width * ratio), height: Math.round(box.height * ratio) };
   }

@@ -1,4 +1,4 @@
-// Loading of the voxels from Python: packed pieces are requested, unpacked and put together.
+// Loading of the voxels from Python: packed pieces are requested, unpack and put together.
 
 import type { Chunk } from "../generated.ts";
 import type { Vector3 } from "../types.ts";
@@ -17,7 +17,7 @@ export function floatsOf(b: Bytes) {
   return new Float32Array(bytesOf(b).slice().buffer);
 }
 
-async function unpacked(bytes: Uint8Array<ArrayBuffer>) {
+async function unpack(bytes: Uint8Array<ArrayBuffer>) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
@@ -61,7 +61,7 @@ export class VolumeLoader {
     if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or a duplicate
     let voxels = null;
     try {
-      voxels = await unpacked(bytesOf(packed));
+      voxels = await unpack(bytesOf(packed));
     } catch {
       /* damaged in transit: requested again after a while */
     }

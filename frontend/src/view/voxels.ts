@@ -28,7 +28,7 @@ export interface VoxelsView {
   hello(voxels?: number): void;
   setTable(): void;
   /** All are on the GPU. */
-  uploaded(): void;
+  handleUpload(): void;
 }
 
 export class LiveVoxels {
@@ -119,7 +119,7 @@ export class LiveVoxels {
       return;
     }
     if (!done || caster !== view.caster) return;
-    view.uploaded();
+    view.handleUpload();
     this.#setProgress(1);
   }
 }

@@ -5,7 +5,7 @@ import { LARGEST_COORDINATE, ORTHONORMAL_TOLERANCE, SPACING_LIMITS } from "../ge
 import type { Axis } from "../maths/axes.ts";
 import { AXES, perAxis } from "../maths/axes.ts";
 import { added, cross, difference, dot, mapVector, scaled, unitVector } from "../maths/camera.ts";
-import { inPane } from "../maths/space.ts";
+import { toPane } from "../maths/space.ts";
 import type { Matrix3, Plane, Raster, Sides, Vector3, Vector4 } from "../types.ts";
 
 export interface Grid {
@@ -144,7 +144,7 @@ export function frameOf({ direction }: Grid): Matrix3 {
 }
 
 /** A place in space as lengths along the index axes from the first voxel's centre. */
-export function inFrame(grid: Grid, place: Vector3) {
+export function toFrame(grid: Grid, place: Vector3) {
   return times(frameOf(grid), difference(place, grid.origin));
 }
 
@@ -203,7 +203,7 @@ export function planeAlong(grid: Grid, view: string): Plane {
 
 /** Coordinates [a, b, c] in a plane of places in space. */
 export function toPlane(plane: Plane, places: Vector3[]) {
-  return places.map((place) => inPane(plane, place));
+  return places.map((place) => toPane(plane, place));
 }
 
 /** Least and largest of each coordinate. */

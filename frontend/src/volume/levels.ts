@@ -107,11 +107,11 @@ function otsu(counts: Float64Array) {
  * The range without padding and outliers, and the levels.
  * @param volume whose values are finite
  */
-export function measured(volume: Volume): Measured {
+export function measureLevels(volume: Volume): Measured {
   const { values, isLabels, dtype } = volume,
     whole = rangeOf(values);
   const all: Vector2 = [whole.low, whole.high];
-  const low = isLabels ? whole.low : abovePadding(values, whole.low, whole.high),
+  const low = isLabels ? whole.low : skipPadding(values, whole.low, whole.high),
     { high } = whole;
   if (high <= low) return { range: [low, low], whole: all, levels: [low, low, low, low], hounsfield: false };
   const mayHave = !isLabels && !dtype.endsWith("int8") && values.length >= FEW_VOXELS;
@@ -121,7 +121,7 @@ export function measured(volume: Volume): Measured {
   return { range: [found.low, found.high], whole: all, levels, hounsfield };
 }
 
-function abovePadding(values: Values, low: number, high: number) {
+function skipPadding(values: Values, low: number, high: number) {
   if (!(low < NOTHING_HU && high >= BONE_HU)) return low;
   const near = low + (NOTHING_HU - low) / 8,
     air = rangeOf(values, NOTHING_HU).low;
@@ -138,7 +138,7 @@ function typical(volume: Volume, whole: Histogram, background: number) {
     size = whole.low > background ? rangeOf(values, whole.low).count : values.length;
   const most = Math.max(1, Math.trunc(OUTLIERS * size));
   let found = whole;
-  for (let ends = crowded(found, most); ends; ends = crowded(found, most)) {
+  for (let ends = crowdedRange(found, most); ends; ends = crowdedRange(found, most)) {
     const { low, high, count } = rangeOf(values, ends[0], ends[1]);
     if (!(low < high) || size - count > most) return whole;
     if (low === found.low && high === found.high) break;
@@ -148,7 +148,7 @@ function typical(volume: Volume, whole: Histogram, background: number) {
 }
 
 /** Edges of the few bins that hold all that is counted but `most` voxels; null if they are not few. */
-function crowded({ counts, low, high }: Histogram, most: number): [number, number] | null {
+function crowdedRange({ counts, low, high }: Histogram, most: number): [number, number] | null {
   const below = [0];
   for (const count of counts) below.push(below.at(-1)! + count);
   const needed = below[BINS]! - most;

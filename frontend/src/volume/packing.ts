@@ -23,9 +23,9 @@ import {
   cornersOf,
   countAlong,
   frameOf,
-  inFrame,
   lengthsOf,
   planeAlong,
+  toFrame,
   toPlane,
   unitOf,
   voxelOrder,
@@ -228,7 +228,7 @@ export function volumeInfo(
 
 /** The box of a grid along the axes of another. */
 function boxOf(own: Grid, grid: Grid) {
-  const middle = inFrame(grid, own.origin),
+  const middle = toFrame(grid, own.origin),
     lengths = lengthsOf(own),
     low = perAxis((k) => middle[k] - own.spacing[k] / 2);
   return { low, high: added(low, lengths) };
@@ -271,7 +271,7 @@ export function stillField(own: Grid, grid: Grid, plane: Plane) {
     isReplicated: true,
     cut: null,
     softness: (spacingAlong(plane.u) + spacingAlong(plane.v)) / 2,
-    plane: { origin: inFrame(grid, plane.origin), u: turned(plane.u), v: turned(plane.v), n: turned(plane.n) },
+    plane: { origin: toFrame(grid, plane.origin), u: turned(plane.u), v: turned(plane.v), n: turned(plane.n) },
   };
   return {
     content: {

@@ -75,9 +75,9 @@ export class GradientSlabs {
       voxels = new Uint32Array(out.buffer);
     const background = new Uint32Array(Uint8Array.of(128, 128, 128, fill).buffer)[0]!;
     for (let z = z0; z < z1; z++) {
-      const { sums: front, empty: isFront } = this.#smoothed(z - 1),
-        { sums: here, empty: isHere } = this.#smoothed(z);
-      const { sums: back, empty: isBack } = this.#smoothed(z + 1);
+      const { sums: front, empty: isFront } = this.#smoothSlice(z - 1),
+        { sums: here, empty: isHere } = this.#smoothSlice(z);
+      const { sums: back, empty: isBack } = this.#smoothSlice(z + 1);
       for (let y = 0; y < ny; y++) {
         const from = (z * ny + y) * nx,
           to = ((z - z0) * ny + y) * nx;
@@ -107,7 +107,7 @@ export class GradientSlabs {
     return out;
   }
 
-  #smoothed(z: number) {
+  #smoothSlice(z: number) {
     const [nx, ny, nz] = this.shape;
     if (z < 0 || z >= nz) return this.beyond;
     const known = this.smooth.get(z);
@@ -267,7 +267,7 @@ export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32
   const near = blur(sum, size, close),
     far = blur(blur(near, size, wide), size, wide);
   const out = new Uint8Array(sum.length);
-  aheadOf(near, size, (k, at, share) => {
+  visitForward(near, size, (k, at, share) => {
     const stopped = strength * between(near, size, at, share) + strengthFar * between(far, size, at, share);
     out[k] = 255 * Math.exp(-stopped);
   });
@@ -278,7 +278,7 @@ export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32
  * Visit every cell k with the place in front of it, where opacity falls: the cell (x, y, z) before that place and how
  * far it is beyond that. Both arrays are the same ones at every visit: new ones would take most of the time.
  */
-function aheadOf(values: Float32Array, size: Vector3, visit: (k: number, at: Vector3, share: Vector3) => void) {
+function visitForward(values: Float32Array, size: Vector3, visit: (k: number, at: Vector3, share: Vector3) => void) {
   const [nx, ny] = size,
     strides: Vector3 = [1, nx, nx * ny];
   const cell: Vector3 = [0, 0, 0],

@@ -32,7 +32,7 @@ ONE, OTHER = [1.0, 2.0, 3.0], [4.0, 5.0, 6.5]
 )
 def test_places_of_tables(text: str, names: tuple[str, ...], tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
-    found = read_landmarks(tmp_path / "a.csv").in_unit("mm")
+    found = read_landmarks(tmp_path / "a.csv").to_unit("mm")
     np.testing.assert_allclose(found.points, [ONE, OTHER], rtol=1e-12)
     assert (found.names, found.fixed) == (names, None)
 

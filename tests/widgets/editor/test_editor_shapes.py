@@ -26,7 +26,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.messages.editors import ShapesEdit
-from deformnb.widgets.messages.shapes import MOST_PARTS, followed
+from deformnb.widgets.messages.shapes import MOST_PARTS, track_index
 
 LINE = {"kind": "line", "vertices": [[20.0, 0.0], [22.0, 30.0]]}
 SQUARE = {"kind": "polygon", "vertices": [[3.0, 3.0], [6.0, 3.0], [6.0, 9.0], [3.0, 9.0]]}
@@ -228,7 +228,7 @@ def test_a_callback_that_fails_is_said(points: ControlPoints, caplog: Any) -> No
 
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=6), st.lists(st.integers(0, 3), max_size=6), st.integers(0, 5))
 def test_a_shape_is_followed_to_where_it_is(before: list[int], after: list[int], index: int) -> None:
-    place = followed(before, after, index)
+    place = track_index(before, after, index)
     if index >= len(before):
         assert place is None
     elif before[index] in after:
@@ -249,7 +249,7 @@ def test_the_page_follows_a_shape_as_python_does() -> None:
         for _ in range(500)
     ]
     found = run_script(("maths/shapes.ts",), "(cases) => cases.map((given) => trackShape(...given))", cases)
-    assert found == [followed(*case) for case in cases]
+    assert found == [track_index(*case) for case in cases]
     assert {type(place) for place in found} == {int, type(None)}
 
 

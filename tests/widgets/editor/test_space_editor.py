@@ -27,7 +27,7 @@ from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.volume.transfer import preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import SpaceEditor
-from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, folding, shapes_on
+from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, shapes_on, slice_folds
 from deformnb.widgets.messages.points import points_to_json
 
 EDITS = ("ui/dom.ts", "maths/camera.ts", "maths/points.ts", "editor/handles.ts", "maths/space.ts")
@@ -132,12 +132,12 @@ def test_a_composite_finds_the_front_of_what_is_opaque() -> None:
 def test_folds_are_found_and_their_measure_is_right(volume: Volume) -> None:
     source = np.array([[5, -8, 3], [40, -8, 3], [5, 35, 3], [5, -8, 49.0]])
     doubled = fit_rbf(ControlPoints.from_arrays(source, source[0] + 2 * (source - source[0])))
-    found = folding(doubled, volume.grid)
+    found = slice_folds(doubled, volume.grid)
     assert abs(found.least - 1 / 8) < 1e-4  # backward: every length halved
     assert found.share == 0
     mirrored = fit_rbf(ControlPoints.from_arrays(source, source * [-1, 1, 1]))
-    assert folding(mirrored, volume.grid).share == 1.0
-    still = folding(Identity(3), volume.grid)
+    assert slice_folds(mirrored, volume.grid).share == 1.0
+    still = slice_folds(Identity(3), volume.grid)
     assert (still.least, still.share) == (1.0, 0.0)
 
 
@@ -370,7 +370,7 @@ def test_its_still_picture_is_a_png(editor: SpaceEditor) -> None:
 # A drag in each picture along each path, for whole grids of any direction.
 DRAGS = """({ panes, points, ways }) => panes.map((pane) => ways.map(([da, db]) => {
   const moved = translateInSpace(points, points.map((p) => p.id), vectorFromPane(pane, da, db));
-  return { depths: moved.map((p) => inPane(pane, p.target)[2]), before: points.map((p) => inPane(pane, p.target)[2]),
+  return { depths: moved.map((p) => toPane(pane, p.target)[2]), before: points.map((p) => toPane(pane, p.target)[2]),
     moved: moved.map((p) => p.target), sources: moved.map((p) => p.source) };
 }))"""
 

@@ -21,7 +21,7 @@ def at(x: float, *target: float) -> dict[str, Any]:
     return {"points": [{"id": 1, "source": [0, x], "target": [0, *target]}]}
 
 
-RECEIVED = [(channel, record) for channel in CHANNELS for record in channel.received]
+RECEIVED = [(channel, record) for channel in CHANNELS for record in channel.incoming_records]
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_a_message_with_all_fields_is_read_and_one_without_those_that_it_needs_i
 
 @pytest.mark.parametrize("channel", CHANNELS, ids=lambda channel: channel.widgets[0])
 def test_no_kind_is_there_twice(channel: Channel[Any]) -> None:
-    for records in (channel.received, channel.to_front_end):
+    for records in (channel.incoming_records, channel.to_front_end):
         assert len({record.tag() for record in records}) == len(records)
 
 

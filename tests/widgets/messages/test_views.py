@@ -111,7 +111,7 @@ def state(widget: SyncedWidget) -> dict[str, Any]:
 
 
 def test_every_widget_that_receives_messages_is_tried() -> None:
-    assert {name for channel in CHANNELS if channel.received for name in channel.widgets} == set(MAKERS)
+    assert {name for channel in CHANNELS if channel.incoming_records for name in channel.widgets} == set(MAKERS)
 
 
 @pytest.mark.sampled(RUNS)
@@ -129,7 +129,7 @@ def test_a_mutated_message_raises_nothing_and_where_it_is_refused_changes_nothin
     refused, before = 0, state(widget)
     try:
         for k in range(PER_RUN):
-            message, buffers = mutate(rng, *example(rng.choice(channel.received)))
+            message, buffers = mutate(rng, *example(rng.choice(channel.incoming_records)))
             log.lines.clear()
             is_refused = isinstance(channel.read(message, buffers), Refused)
             widget.receive(message, buffers)

@@ -100,7 +100,7 @@ def test_a_cell_that_runs_again_keeps_what_its_studio_held_in_the_history(monkey
 def go_back(studio: Studio) -> None:
     """Choose the last row of the history."""
     history = panel(studio, "History")
-    history.opened(True)
+    history.handle_visibility(True)
     assert history.items.rows[-1]["title"] == "an earlier session, not saved: 5 points, 1 step"
     act(history.items, "choose", len(history.items.rows) - 1)
 

@@ -19,7 +19,7 @@ from deformnb.rbf.regions import Polygon
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
+from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, update_camera
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.messages.points import points_to_json
@@ -50,7 +50,7 @@ class Mine(AbstractView, ipw.HTML, metaclass=ViewMeta):  # type: ignore[misc]  #
         self.value = "other colours"
 
     def set_camera(self, direction: Any = None, up: Any = None, zoom: float | None = None) -> None:
-        self.camera = turned(self.camera, direction, up, zoom)
+        self.camera = update_camera(self.camera, direction, up, zoom)
 
     async def screenshot(self, timeout: float = 10.0) -> Any:
         return self.still()

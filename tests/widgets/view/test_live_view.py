@@ -123,7 +123,7 @@ def test_a_page_that_comes_late_gets_the_deformation() -> None:
 
 def test_work_waits_until_a_page_has_the_voxels_or_has_them_drawn_in_python() -> None:
     view, done = Recorded(ball()), []
-    view.source.when_sent(lambda: done.append("sent"))
+    view.source.call_after_upload(lambda: done.append("sent"))
     view.say({"type": "hello", "view": "a", "largest": 2048, "renderer": "", "software": True})
     assert done == []
     info = view.volume_info
@@ -131,7 +131,7 @@ def test_work_waits_until_a_page_has_the_voxels_or_has_them_drawn_in_python() ->
         for index in range(info["chunks"]):
             view.say({"type": "chunk", "view": "a", "id": info["id"], "index": index})
     assert done == ["sent"]
-    view.source.when_sent(lambda: done.append("drawn in Python"))
+    view.source.call_after_upload(lambda: done.append("drawn in Python"))
     view.say({"type": "hello", "view": "a", "largest": 0, "renderer": "", "software": True})
     assert done[1:] == ["drawn in Python"]
 
@@ -397,19 +397,19 @@ def ramp() -> Volume:
 
 
 def levels_within(view: LiveView, low: int, high: int) -> int:
-    assert view.source.shown is not None
-    return len(np.unique(view.source.shown.volume.values.ravel()[low : high + 1]))
+    assert view.source.voxels is not None
+    return len(np.unique(view.source.voxels.volume.values.ravel()[low : high + 1]))
 
 
 def test_a_narrow_transfer_function_gets_finer_levels_when_it_has_come_to_rest() -> None:
     view = Recorded(ramp())
-    whole = view.source.shown.window  # type: ignore[union-attr]
+    whole = view.source.voxels.window  # type: ignore[union-attr]
     assert levels_within(view, 1000, 1600) < 45
     first = view.volume_info["id"]
     view.set_transfer(NARROW)
     wait_for(lambda: view.volume_info["id"] != first)
     view.repack()  # nothing is left to do, once the thread that does it has ended
-    low, high = view.source.shown.window  # type: ignore[union-attr]
+    low, high = view.source.voxels.window  # type: ignore[union-attr]
     assert (low, high) == pytest.approx((970, 1630))
     assert levels_within(view, 1000, 1600) > 225
     assert view.volume_info["note"] == "finer greys from 970 to 1630"
@@ -421,7 +421,7 @@ def test_a_narrow_transfer_function_gets_finer_levels_when_it_has_come_to_rest()
     view.set_transfer("specimen")
     wait_for(lambda: view.volume_info["id"] != second)
     view.repack()
-    assert view.source.shown.window == whole  # type: ignore[union-attr]
+    assert view.source.voxels.window == whole  # type: ignore[union-attr]
     assert view.volume_info["note"] == ""
 
 
@@ -454,22 +454,22 @@ def test_colours_that_change_while_the_levels_do_are_those_of_the_new_levels(mon
 
 def test_finer_levels_from_the_start_and_where_there_are_none() -> None:
     view = Recorded(ramp(), transfer=NARROW)
-    assert view.source.shown.window == pytest.approx((970, 1630))  # type: ignore[union-attr]
+    assert view.source.voxels.window == pytest.approx((970, 1630))  # type: ignore[union-attr]
     plane = Plane.from_view(view.source.volume.grid, "+y")
     view.show_deformation(
         Deformation.from_picture_points(view.source.volume.grid, plane, points(view.source.volume.grid, plane))
     )
     field = view.fields.shown.field
     view.projection = "mip"  # which shows all values
-    wait_for(lambda: view.source.shown.share == 1.0)  # type: ignore[union-attr]
+    wait_for(lambda: view.source.voxels.share == 1.0)  # type: ignore[union-attr]
     view.repack()
-    assert view.source.shown.share == 1.0  # type: ignore[union-attr]
+    assert view.source.voxels.share == 1.0  # type: ignore[union-attr]
     assert view.fields.shown.field is field
     view.show(ramp(), window=(0.0, 4000.0))  # the user's own choice
     view.projection = "shaded"
     assert not view.source.needs_repacking()
     flat = Recorded(ball(), transfer=TransferFunction(((90, 0, 0, 0), (99, 1, 1, 1)), ((90, 0), (99, 1))))
-    assert flat.source.shown.share == 1.0  # type: ignore[union-attr]  # bytes are distinct as they are
+    assert flat.source.voxels.share == 1.0  # type: ignore[union-attr]  # bytes are distinct as they are
 
 
 def test_colours_are_those_of_the_values() -> None:
@@ -477,7 +477,7 @@ def test_colours_are_those_of_the_values() -> None:
     ramp = TransferFunction(((0, 0, 0, 0), (200, 1, 0.5, 0)), ((0, 0), (200, 0.8)), unit=3.0)
     view.set_transfer(ramp)
     table = table_of(view)
-    low, high = view.source.shown.window  # type: ignore[union-attr]
+    low, high = view.source.voxels.window  # type: ignore[union-attr]
     np.testing.assert_allclose(table, ramp(np.linspace(low, high, len(table))), atol=1e-6)
     assert view.unit == 3.0
     with pytest.raises(DeformError, match="unknown transfer function"):
@@ -703,7 +703,7 @@ def test_the_newest_field_follows_when_the_page_has_seen_the_last() -> None:
     assert view.fields.pacer.is_waiting
     assert view.say({"type": "seen", "view": "a", "seq": 0}) == []  # a number that was never sent
     ((content, buffers),) = view.say({"type": "seen", "view": "a", "seq": 1})
-    expected = field_textures(fields[-1].field(GRID), view.source.shown, None, 192, 64)  # type: ignore[arg-type]
+    expected = field_textures(fields[-1].field(GRID), view.source.voxels, None, 192, 64)  # type: ignore[arg-type]
     assert content["seq"] == 2
     assert buffers == expected.buffers  # the newest, and none in between
     assert view.say({"type": "seen", "view": "a", "seq": 2}) == []

@@ -53,7 +53,7 @@ def editor(volume: Volume, points: ControlPoints) -> Iterator[SpaceEditor]:
     made.close()
 
 
-def opened(volume: Volume) -> tuple[LiveView, list[dict[str, Any]]]:
+def open_view(volume: Volume) -> tuple[LiveView, list[dict[str, Any]]]:
     """A live view with a front end that shows everything immediately."""
     view, fields = LiveView(volume), []
 
@@ -79,7 +79,7 @@ def send_points(editor: SpaceEditor, points: ControlPoints, phase: str, seq: int
 def test_a_view_follows_every_movement_coarsely_and_the_end_finely(
     volume: Volume, editor: SpaceEditor, points: ControlPoints
 ) -> None:
-    view, fields = opened(volume)
+    view, fields = open_view(volume)
     view.edit_points(editor)
     assert view.points_editor is editor
     assert max(fields[-1]["space"]["shape"]) == 64
@@ -97,7 +97,7 @@ def test_a_view_follows_every_movement_coarsely_and_the_end_finely(
 
 
 def test_a_drag_that_is_given_up_ends_in_full(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
-    view, fields = opened(volume)
+    view, fields = open_view(volume)
     view.edit_points(editor)
     send_points(editor, points, "move", 1)
     wait_for(lambda: max(fields[-1]["space"]["shape"]) == 64)
@@ -106,7 +106,7 @@ def test_a_drag_that_is_given_up_ends_in_full(volume: Volume, editor: SpaceEdito
 def test_what_cannot_be_fitted_leaves_the_last_picture(
     volume: Volume, editor: SpaceEditor, points: ControlPoints
 ) -> None:
-    view, fields = opened(volume)
+    view, fields = open_view(volume)
     view.edit_points(editor)
     count, field = len(fields), view.fields.shown.field
     send_points(editor, points.move(1, points.target[0]), "move", 1)
@@ -117,7 +117,7 @@ def test_what_cannot_be_fitted_leaves_the_last_picture(
 def test_a_view_may_show_more_than_the_points(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
     first = Step((ControlPoints.from_arrays([[5.0, 5]], [[9.0, 5]]),), Plane.from_view(GRID, "+y"))
     document = Deformation((first, editor.step()))
-    view, _ = opened(volume)
+    view, _ = open_view(volume)
 
     def whole(given: ControlPoints) -> AbstractField:
         return document.with_step(1, document.steps[1].with_points(given)).field(GRID)
@@ -130,7 +130,7 @@ def test_a_view_may_show_more_than_the_points(volume: Volume, editor: SpaceEdito
 
 
 def test_an_end_of_it_ends_it(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
-    view, fields = opened(volume)
+    view, fields = open_view(volume)
     view.edit_points(editor)
     view.edit_points(None)
     count = len(fields)
@@ -171,7 +171,7 @@ def followed(view: LiveView, sender: str = "w") -> None:
 def test_a_page_that_fits_the_points_gets_no_field_while_they_move(
     volume: Volume, editor: SpaceEditor, points: ControlPoints
 ) -> None:
-    view, fields = opened(volume)
+    view, fields = open_view(volume)
     view.edit_points(editor)
     followed(view)
     assert fields[-1]["moved"] == {"points": points_to_json(points), "shape": [28, 31, 32]}
@@ -188,7 +188,7 @@ def test_a_page_that_fits_the_points_gets_no_field_while_they_move(
 def test_a_page_in_another_window_gets_every_movement(
     volume: Volume, editor: SpaceEditor, points: ControlPoints
 ) -> None:
-    view, fields = opened(volume)
+    view, fields = open_view(volume)
     view.edit_points(editor)
     followed(view, "another window")
     send_points(editor, points.move(0, points.target[0] + np.array([5.0, 0, 0])), "move", 1)
@@ -210,7 +210,7 @@ def test_what_a_page_cannot_make_python_makes(volume: Volume, points: ControlPoi
         "before": {"before": before},
     }
     made = SpaceEditor(volume, points, **given.get(kind, {}))
-    view, fields = opened(volume)
+    view, fields = open_view(volume)
     view.edit_points(made, (lambda given: compose(before, fit_rbf(given))) if kind == "document" else None)
     followed(view)
     assert fields[-1]["moved"] is None
@@ -252,7 +252,7 @@ def test_the_page_makes_the_field_of_moving_points_as_python_does(
 ) -> None:
     """In a volume that is turned and has another spacing along each axis, at the same nodes."""
     made = SpaceEditor(volume, points, **settings)
-    view, fields = opened(volume)
+    view, fields = open_view(volume)
     view.edit_points(made)
     moved = [points, *(points.move(0, points.target[0] + np.array(by)) for by in ([1.0, 0, 0], [2.0, -1.5, 3.0]))]
     state = made.get_state(["settings"])["settings"]

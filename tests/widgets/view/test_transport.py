@@ -59,7 +59,7 @@ def test_a_page_that_is_silent_or_gone_holds_nobody_back(clock: Any) -> None:
         sender.pack(FRAME)
         sender.confirm(number, "quick")
     assert not sender.may_send
-    assert sender.left("slow")
+    assert sender.remove_view("slow")
     assert sender.may_send
 
 
@@ -68,7 +68,7 @@ def test_what_was_sent_to_nobody_does_not_hold_back_a_page_that_is_new(clock: An
     for _ in range(2):
         sender.pack(FRAME)
     assert not sender.may_send
-    sender.lost()
+    sender.forget_frames()
     for _ in range(4):
         assert sender.may_send
         sender.confirm(sender.pack(FRAME)[0].seq, "new")

@@ -86,7 +86,7 @@ class Recorded(VolumeView):
 
 
 @pytest.fixture
-def opened() -> Iterator[Callable[..., Recorded]]:
+def open_view() -> Iterator[Callable[..., Recorded]]:
     made: list[Recorded] = []
 
     def make(volume: Volume | None = None, **options: Any) -> Recorded:
@@ -124,8 +124,8 @@ def test_the_view_keeps_the_contract_of_all_views() -> None:
 
 
 @pytest.mark.needs_gl
-def test_a_page_gets_quick_and_full_pictures_of_its_size_and_of_the_deformation(opened: Any) -> None:
-    view = opened()
+def test_a_page_gets_quick_and_full_pictures_of_its_size_and_of_the_deformation(open_view: Any) -> None:
+    view = open_view()
     view.say(type="hello", **PAGE)
     view.see_all()
     (first, (quick,)), *_, (last, (full,)) = view.frames
@@ -151,8 +151,8 @@ def test_a_page_gets_quick_and_full_pictures_of_its_size_and_of_the_deformation(
 
 
 @pytest.mark.needs_gl
-def test_no_third_frame_is_sent_before_one_is_seen(opened: Any) -> None:
-    view = opened(settle_ms=60000.0)
+def test_no_third_frame_is_sent_before_one_is_seen(open_view: Any) -> None:
+    view = open_view(settle_ms=60000.0)
     view.say(type="hello", **PAGE)
     wait_for(lambda: len(view.frames) == 1)
     for zoom in (1.1, 1.2):
@@ -166,8 +166,8 @@ def test_no_third_frame_is_sent_before_one_is_seen(opened: Any) -> None:
 
 
 @pytest.mark.needs_gl
-def test_the_camera_of_a_page_turns_the_picture_and_frames_say_which_they_show(opened: Any) -> None:
-    view = opened()
+def test_the_camera_of_a_page_turns_the_picture_and_frames_say_which_they_show(open_view: Any) -> None:
+    view = open_view()
     view.say(type="hello", **PAGE)
     view.see_all()
     before = picture(view.frames[-1][1][0])
@@ -203,8 +203,8 @@ def test_the_camera_of_a_page_turns_the_picture_and_frames_say_which_they_show(o
         {"type": "_rest", "view": "a"},
     ],
 )
-def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogCaptureFixture, opened: Any) -> None:
-    view, threads = opened(), Threads()
+def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogCaptureFixture, open_view: Any) -> None:
+    view, threads = open_view(), Threads()
     with caplog.at_level(logging.WARNING):
         deliver(view, message)
         view.set_state({"label": "x", "camera": {"zoom": 0}})
@@ -214,14 +214,14 @@ def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogC
     assert view.label == "Volume ball"
 
 
-def test_a_saved_notebook_holds_no_voxels_and_no_pictures(opened: Any) -> None:
-    state = {k: v for k, v in opened().get_state().items() if k not in ("_esm", "_css")}
+def test_a_saved_notebook_holds_no_voxels_and_no_pictures(open_view: Any) -> None:
+    state = {k: v for k, v in open_view().get_state().items() if k not in ("_esm", "_css")}
     assert len(json.dumps(state, default=str)) < 4000
 
 
 @pytest.mark.needs_gl
-def test_an_editor_moves_the_picture_with_every_movement(opened: Any) -> None:
-    view = opened()
+def test_an_editor_moves_the_picture_with_every_movement(open_view: Any) -> None:
+    view = open_view()
     view.set_camera((0, 1, 0))
     editor = Editor(None, points())
     field = Deformation.from_picture_points(GRID, PLANE, points()).field(GRID)
@@ -243,8 +243,8 @@ def test_an_editor_moves_the_picture_with_every_movement(opened: Any) -> None:
     assert middle(view.still((96, 72))) > before + 4
 
 
-def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> None:
-    view, editor = opened(method="core"), Editor(None, points())
+def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(open_view: Any) -> None:
+    view, editor = open_view(method="core"), Editor(None, points())
 
     def answer(moved: float, **options: Any) -> Extrusion:
         made = Deformation.from_picture_points(GRID, PLANE, points(moved), **options).field(GRID)
@@ -304,10 +304,10 @@ def test_a_refit_keeps_all_but_one_map_and_the_last_good_field() -> None:
 
 
 @pytest.mark.needs_gl
-def test_experts_reach_the_plotter_in_its_thread(opened: Any) -> None:
+def test_experts_reach_the_plotter_in_its_thread(open_view: Any) -> None:
     import pyvista
 
-    view = opened()
+    view = open_view()
     before = view.still()
     mesh = pyvista.Sphere(radius=4.0, center=GRID.center)
     where = view.call(lambda plotter: plotter.add_mesh(mesh, color="red") and threading.current_thread())
@@ -321,7 +321,7 @@ def test_experts_reach_the_plotter_in_its_thread(opened: Any) -> None:
         view.call(lambda plotter: 1 / 0)
 
 
-def test_a_scene_that_cannot_take_its_field_is_closed(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_that_cannot_take_its_field_is_closed(open_view: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     closed: list[CoreScene] = []
 
     def note(scene: CoreScene) -> None:
@@ -333,15 +333,15 @@ def test_a_scene_that_cannot_take_its_field_is_closed(opened: Any, monkeypatch: 
         raise DeformError("these maps are wrong")
 
     monkeypatch.setattr(CoreScene, "set_field", refuse)
-    view = opened(method="core")
+    view = open_view(method="core")
     with pytest.raises(DeformError, match="these maps are wrong"):
         view.still()
     assert len(closed) == 1
 
 
 @pytest.mark.needs_gl
-def test_an_error_is_said_on_the_page_and_the_picture_stays(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    view = opened()
+def test_an_error_is_said_on_the_page_and_the_picture_stays(open_view: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    view = open_view()
     view.say(type="hello", **PAGE)
     view.see_all()
 
@@ -434,10 +434,10 @@ def _is_open(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-def test_without_opengl_the_core_draws_and_the_page_says_so(opened: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_opengl_the_core_draws_and_the_page_says_so(open_view: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     found = (False, "no OpenGL library was found", "apt-get install libegl1 libgl1")
     monkeypatch.setattr("deformnb.widgets.view.stills.gl_status", lambda: found)
-    view = opened()
+    view = open_view()
     view.say(type="hello", **PAGE)
     view.see_all()
     assert view.stats()["path"] == "core"
@@ -449,8 +449,8 @@ def test_without_opengl_the_core_draws_and_the_page_says_so(opened: Any, monkeyp
         view.call(lambda plotter: None)
 
 
-def test_a_screenshot_waits_for_the_full_picture_of_the_last_change(opened: Any) -> None:
-    view = opened(method="core", settle_ms=400.0)
+def test_a_screenshot_waits_for_the_full_picture_of_the_last_change(open_view: Any) -> None:
+    view = open_view(method="core", settle_ms=400.0)
     view.say(type="hello", **PAGE)
     wait_for(lambda: view.frames)
     assert not view.frames[0][0]["full"]  # quick and small: no screenshot
@@ -464,8 +464,8 @@ def test_a_screenshot_waits_for_the_full_picture_of_the_last_change(opened: Any)
 
 
 @pytest.mark.needs_gl
-def test_stills_screenshots_and_previews_need_no_page(opened: Any) -> None:
-    view = opened()
+def test_stills_screenshots_and_previews_need_no_page(open_view: Any) -> None:
+    view = open_view()
     assert view.still((50, 40)).shape == (40, 50, 3)
     assert asyncio.run(view.screenshot()).shape == (72, 96, 3)
     bundle = view._repr_mimebundle_()
@@ -502,9 +502,9 @@ def badges(view: Recorded) -> list[str]:
 
 
 @pytest.mark.needs_gl
-def test_folds_are_red_and_named_and_can_be_switched_off(opened: Any) -> None:
+def test_folds_are_red_and_named_and_can_be_switched_off(open_view: Any) -> None:
     matter = Volume(np.full(GRID.shape, 200, np.uint8), GRID)
-    view = opened(matter, method="texture", projection="composite", transfer="bone")
+    view = open_view(matter, method="texture", projection="composite", transfer="bone")
     view.set_camera(PLANE.normal, [-c for c in PLANE.v])
     view.say(type="hello", **PAGE)
     view.show_deformation(folding(2.0))
@@ -528,8 +528,8 @@ def test_folds_are_red_and_named_and_can_be_switched_off(opened: Any) -> None:
     assert view.get_state(["show_folds"]) == {"show_folds": True}
 
 
-def test_where_folds_are_not_shown_it_is_said(opened: Any) -> None:
-    view = opened(method="core")
+def test_where_folds_are_not_shown_it_is_said(open_view: Any) -> None:
+    view = open_view(method="core")
     view.show_deformation(folding(12.0))
     view.still((64, 48))
     assert view.pictures.badge == "the map folds; this way of drawing does not show where"
@@ -568,11 +568,11 @@ class Carrier:
 
 
 def test_pictures_go_by_the_transport_and_the_page_hears_where(
-    opened: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    open_view: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setitem(TRANSPORTS, "trame", Carrier)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: True)
-    view = opened(method="core", transport="trame")
+    view = open_view(method="core", transport="trame")
     view.say(type="hello", **PAGE, origin="http://nb:1")
     assert {"type": "trame", "view": "a", "url": "http://127.0.0.1:2/"} in [c for c, _ in view.__dict__["out"]]
     carrier = view.pictures.carrier

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deformnb.analysis.folds import folds_of, jacobian_determinant
+from deformnb.analysis.folds import find_folds, jacobian_determinant
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.extrusion import Extrusion, replicate
@@ -118,7 +118,7 @@ def places(depth: float = 0.0) -> NDArray[np.float64]:
     )
 
 
-def on_tissue(field: AbstractField, at: NDArray[np.float64]) -> NDArray[np.bool_]:
+def tissue_mask(field: AbstractField, at: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Check whether a place of the result, and the tissue seen there, is within the volume."""
     low, high = GRID.corners().min(axis=0) + 3, GRID.corners().max(axis=0) - 3
     return np.asarray(
@@ -137,11 +137,11 @@ def test_what_folds_is_red_at_its_place(scene: Any, kind: str) -> None:
     one, field = scene(), field_of(kind)
     one.set_field(field)
     painted, at = red(one.render()), places(FRONT)
-    det, seen = jacobian_determinant(field, at), on_tissue(field, at)
+    det, seen = jacobian_determinant(field, at), tissue_mask(field, at)
     assert (det <= 0)[seen].sum() > 100
     sure = seen & (np.abs(det) > 0.1)
     assert (painted == (det <= 0))[sure].mean() > 0.98
-    assert not painted[~on_tissue(field, places(0.0)) & ~seen & (det > 0.1)].any()
+    assert not painted[~tissue_mask(field, places(0.0)) & ~seen & (det > 0.1)].any()
     assert one.folding.remark == RED
 
 
@@ -153,7 +153,7 @@ def test_in_all_projections(scene: Any, projection: str) -> None:
     image = one.render().astype(int)
     one.folding.show = False
     painted = np.abs(image - one.render()).max(axis=-1) > 8  # light and tissue are warm too
-    det, seen = jacobian_determinant(field, places()), on_tissue(field, places())
+    det, seen = jacobian_determinant(field, places()), tissue_mask(field, places())
     sure = seen & (np.abs(det) > 0.1)
     assert (painted == (det <= 0))[sure].mean() > 0.98
     assert (image[..., 0] - image[..., 1])[sure & painted].mean() > 60
@@ -164,7 +164,7 @@ def test_in_all_projections(scene: Any, projection: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_does_not_fold_is_drawn_by_the_same_shader_as_ever(scene: Any, kind: str) -> None:
     one, field = scene(), field_of(kind, SHORT)
-    assert folds_of(field, GRID.resampled(spacing=4.0)).least > 0
+    assert find_folds(field, GRID.resampled(spacing=4.0)).least > 0
     one.set_field(field)
     image, text = one.render(), one.shader.warp.kind
     assert not red(image).any()
@@ -270,7 +270,7 @@ def test_maps_fold_where_their_field_does(kind: str) -> None:
     answers = set()
     for by in (SHORT, 0.14, 0.22, 0.3, FAR):
         field = field_of(kind, by)
-        least = folds_of(field, GRID.resampled(spacing=1.0)).least
+        least = find_folds(field, GRID.resampled(spacing=1.0)).least
         if abs(least) > 0.05:  # close to 0 it depends on the requested places
             answers.add(least <= 0)
             assert maps_fold(field_textures(field, frame_of(slab()), None, 192, 64)) == (least <= 0), (by, least)

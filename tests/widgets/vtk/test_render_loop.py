@@ -63,7 +63,7 @@ def test_drawing_and_what_it_starts_gives_way_to_others() -> None:
         return way(), found[0]
 
     before = way()
-    loop, *_ = opened()
+    loop, *_ = open_loop()
     try:
         assert loop.do(started).result(PATIENCE) == (max(5, before), max(5, before))
         assert way() == before
@@ -71,7 +71,7 @@ def test_drawing_and_what_it_starts_gives_way_to_others() -> None:
         loop.close()
 
 
-def opened(**options: Any) -> tuple[SceneLoop, Canvas, list[Frame], list[str]]:
+def open_loop(**options: Any) -> tuple[SceneLoop, Canvas, list[Frame], list[str]]:
     canvas, frames, said = Canvas(), [], []
     loop = SceneLoop(lambda: canvas, frames.append, said.append, **{"settle_ms": 0.0, **options})
     return loop, canvas, frames, said
@@ -82,7 +82,7 @@ def grey(value: int) -> Callable[[Canvas], None]:
 
 
 def test_a_change_is_drawn_quickly_and_then_in_full_by_another_thread() -> None:
-    loop, canvas, frames, said = opened()
+    loop, canvas, frames, said = open_loop()
     loop.change("grey", grey(7))
     wait_for(lambda: loop.is_settled)
     assert [f.is_full for f in frames] == [False, True]
@@ -97,7 +97,7 @@ def test_a_change_is_drawn_quickly_and_then_in_full_by_another_thread() -> None:
 
 
 def test_of_many_changes_the_newest_is_drawn_and_the_last_always() -> None:
-    loop, canvas, frames, _ = opened()
+    loop, canvas, frames, _ = open_loop()
     canvas.gate.clear()
     for k in range(50):
         loop.change("grey", grey(k))
@@ -108,7 +108,7 @@ def test_of_many_changes_the_newest_is_drawn_and_the_last_always() -> None:
 
 
 def test_a_full_picture_gives_way_to_a_change_and_is_drawn_after_it() -> None:
-    loop, canvas, frames, _ = opened()
+    loop, canvas, frames, _ = open_loop()
     loop.change("grey", grey(1))
     wait_for(lambda: bool(frames))
     canvas.gate.clear()
@@ -122,7 +122,7 @@ def test_a_full_picture_gives_way_to_a_change_and_is_drawn_after_it() -> None:
 
 
 def test_what_goes_wrong_is_said_and_the_other_changes_are_made() -> None:
-    loop, _, frames, said = opened()
+    loop, _, frames, said = open_loop()
 
     def wrong(canvas: Canvas) -> None:
         raise DeformError("this cannot be")
@@ -156,7 +156,7 @@ def test_a_scene_that_cannot_be_made_is_said_and_tried_again() -> None:
 
 @pytest.mark.parametrize("shows", ["flicker", "wipe"])
 def test_both_pictures_of_one_place_are_delivered(shows: str) -> None:
-    loop, _, frames, _ = opened()
+    loop, _, frames, _ = open_loop()
     loop.set_shows(shows)
     loop.change("grey", grey(5))
     wait_for(lambda: bool(frames))
@@ -165,7 +165,7 @@ def test_both_pictures_of_one_place_are_delivered(shows: str) -> None:
 
 
 def test_what_is_asked_of_the_scene_comes_after_the_changes_and_from_elsewhere_only() -> None:
-    loop, _, _, _ = opened()
+    loop, _, _, _ = open_loop()
     loop.change("grey", grey(4), draw=False)
     assert loop.do(lambda canvas: canvas.grey).result(PATIENCE) == 4
     with pytest.raises(DeformError, match="would wait for itself"):
@@ -174,7 +174,7 @@ def test_what_is_asked_of_the_scene_comes_after_the_changes_and_from_elsewhere_o
 
 
 def test_slow_pictures_get_smaller_and_fast_ones_larger() -> None:
-    loop, _, frames, _ = opened(target_ms=1e-3, settle_ms=60000.0)
+    loop, _, frames, _ = open_loop(target_ms=1e-3, settle_ms=60000.0)
     for k in range(6):
         loop.change("grey", grey(k))
         wait_for(lambda k=k: len(frames) == k + 1)
@@ -190,7 +190,7 @@ def test_slow_pictures_get_smaller_and_fast_ones_larger() -> None:
 
 def test_no_third_picture_is_sent_before_one_is_seen() -> None:
     sender = FrameSender()
-    loop, _, frames, _ = opened(ready=lambda: sender.may_send, settle_ms=60000.0)
+    loop, _, frames, _ = open_loop(ready=lambda: sender.may_send, settle_ms=60000.0)
     frame = Frame((np.zeros((4, 4, 3), np.uint8),), is_full=False)
     assert [sender.pack(frame)[0].seq for _ in range(2)] == [1, 2]
     loop.change("grey", grey(1))
@@ -204,7 +204,7 @@ def test_no_third_picture_is_sent_before_one_is_seen() -> None:
 
 
 def test_all_is_settled_once_the_full_picture_of_the_last_wish_is_delivered() -> None:
-    loop, canvas, frames, _ = opened()
+    loop, canvas, frames, _ = open_loop()
     loop.change("grey", grey(1))
     assert not loop.is_settled
     wait_for(lambda: loop.is_settled)

@@ -283,7 +283,7 @@ def test_a_field_of_view_shows_what_has_left_the_box_and_hides_what_lies_outside
     volume, plane = shape_without_symmetry(), Plane.from_view(GRID, "+y")
     moved = shift(GRID, plane, 30.0, 0.0)
     corners = GRID.corners()
-    larger = GRID.covering(np.concatenate([corners, corners + 32 * np.asarray(plane.u)]))
+    larger = GRID.cover(np.concatenate([corners, corners + 32 * np.asarray(plane.u)]))
     one = scene(volume, method)
     one.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
     one.set_field(moved, larger)

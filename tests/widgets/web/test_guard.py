@@ -244,13 +244,13 @@ def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPat
     check.onConnect(None, "early")
     now = 104.0
     check.onConnect(None, "late")
-    assert check.unauthenticated(set()) == []
+    assert check.unauthenticated_clients(set()) == []
     now = 111.0
-    assert check.unauthenticated(set()) == ["early"]
-    assert check.unauthenticated({"early"}) == []
+    assert check.unauthenticated_clients(set()) == ["early"]
+    assert check.unauthenticated_clients({"early"}) == []
     check.onClose("early")
     now = 120.0
-    assert check.unauthenticated(set()) == ["late"]
+    assert check.unauthenticated_clients(set()) == ["late"]
 
 
 # -- what a page may send ----------------------------------------------------------------------------------------------
@@ -368,9 +368,9 @@ def test_a_message_has_a_number_and_buffers(running: RunningApp, number: Any, bu
             hello = _custom({"type": "hello"})
             await page.call("deformnb.comm", running.studio.editor.model_id, hello, number, buffers)
 
-    before = running.server.guard.dropped
+    before = running.server.guard.refused_count
     asyncio.run(attempt())
-    assert running.server.guard.dropped == before + 1
+    assert running.server.guard.refused_count == before + 1
 
 
 def _part(widget: Any, trait: str, value: Any) -> Any:
@@ -414,9 +414,9 @@ def test_malformed_messages_are_dropped_and_the_page_goes_on(running: RunningApp
                 assert await page.login(running.server.token)
             return await page.call("trame.state.get")
 
-    before = running.server.guard.dropped
+    before = running.server.guard.refused_count
     assert "trame__title" in asyncio.run(attempt())["state"]
-    assert running.server.guard.dropped > before
+    assert running.server.guard.refused_count > before
 
 
 def test_text_is_no_message(running: RunningApp) -> None:
@@ -430,14 +430,14 @@ def test_text_is_no_message(running: RunningApp) -> None:
 
 def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: RunningApp) -> None:
     async def attempt(method: str, size: int, *given: Any) -> tuple[int, Any]:
-        before = running.server.guard.dropped
+        before = running.server.guard.refused_count
         async with connect(running) as page:
             try:  # the server may close the line while the message is still in transit
                 await page.send(method, *given, "x" * size)
                 known = "state" in await page.call("trame.state.get")
             except (ConnectionError, aiohttp.ClientError):
                 known = False
-            return running.server.guard.dropped - before, known
+            return running.server.guard.refused_count - before, known
 
     editor = running.studio.editor.model_id
     long = {"type": "no message", "text": "x" * (LONGEST_OTHER + 1000)}
@@ -450,11 +450,11 @@ def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: Ru
 
 def test_unauthenticated_clients_may_send_only_a_password(running: RunningApp) -> None:
     async def attempt() -> tuple[int, bool]:
-        before = running.server.guard.dropped
+        before = running.server.guard.refused_count
         async with connect(running, secret=None) as page:
             await page.send("wslink.hello", {"secret": running.server.token + "x" * 1000}, system=True)
             entered = await page.login(running.server.token)  # which is answered after the other was read
-            return running.server.guard.dropped - before, entered
+            return running.server.guard.refused_count - before, entered
 
     assert asyncio.run(attempt()) == (1, True)
 
@@ -462,13 +462,13 @@ def test_unauthenticated_clients_may_send_only_a_password(running: RunningApp) -
 def test_a_flood_is_dropped_and_others_are_served(running: RunningApp) -> None:
     async def attempt() -> tuple[int, Any]:
         async with connect(running) as noisy, connect(running) as calm:
-            before = running.server.guard.dropped
+            before = running.server.guard.refused_count
             for _ in range(100_000):  # a slow machine lets more of them through
                 await noisy.send("trame.lifecycle.update", "client_mounted")
-                if running.server.guard.dropped - before > 1000:
+                if running.server.guard.refused_count - before > 1000:
                     break
             answer = await calm.call("trame.state.get")
-            return running.server.guard.dropped - before, answer
+            return running.server.guard.refused_count - before, answer
 
     dropped, answer = asyncio.run(attempt())
     assert dropped > 1000

@@ -24,7 +24,15 @@ from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.inputs.player import LONGEST_MOVIE, Playback, Player
-from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, ProgressBar, button, raising, widget_of
+from deformnb.widgets.studio.controls import (
+    WHOLE_DESCRIPTION,
+    Guard,
+    Panel,
+    ProgressBar,
+    button,
+    error_action,
+    widget_of,
+)
 from deformnb.widgets.studio.panels.folder import plain_name
 from deformnb.widgets.view.page_scene import PageGoneError
 from deformnb.widgets.worker import Worker
@@ -80,8 +88,10 @@ class AnimationPanel(Panel):
         self.playback = Playback(
             view, self.player, self.animation, session.editing.grid, self._run_guarded, lambda: session.results.grid
         )
-        self.add(self.easing, lambda: session.editing.deformation.easing, lambda value: self._play_as(easing=value))
-        self.player.observe(lambda change: self._play_as(loop=change["new"]), "loop")
+        self.add(
+            self.easing, lambda: session.editing.deformation.easing, lambda value: self._set_playback(easing=value)
+        )
+        self.player.observe(lambda change: self._set_playback(loop=change["new"]), "loop")
         self.movie = MovieControls(session, guard, view, Path(folder))
         self.time = basic.BoundedFloatText(
             min=0,
@@ -179,7 +189,7 @@ class AnimationPanel(Panel):
         self.player.pause()
         return key_frames.with_steps(deformation, Animation(deformation).at(self.player.time).steps)
 
-    def _play_as(self, **looks: Any) -> None:
+    def _set_playback(self, **looks: Any) -> None:
         """Another easing or loop, stored with the key frames; ignored without any."""
         document = self.session.editing.deformation
         if document.keyframes and any(getattr(document, name) != value for name, value in looks.items()):
@@ -290,7 +300,7 @@ class MovieControls:
             layout=layouts["fps"],
             style={"description_width": "60px"},
         )
-        self.kind.observe(lambda change: self._renamed(change["new"]), "value")
+        self.kind.observe(lambda change: self._set_suffix(change["new"]), "value")
         self.write = button("Write movie", "Write it into the folder of the notebook", lambda: guard(self._start))
         self.progress = ProgressBar("Cancel", "Stop; no half file is left", "120px")
         self.renderer = widget_of("movie_renderer", layout=basic.layout(width="190px"), label="60px")
@@ -301,7 +311,7 @@ class MovieControls:
         )
         self.arrange(False)
 
-    def _renamed(self, suffix: str) -> None:
+    def _set_suffix(self, suffix: str) -> None:
         stem = Path(self.name.value.strip() or "animation").stem
         self.name.value = f"{stem}{suffix}"
 
@@ -336,7 +346,7 @@ class MovieControls:
             message = f"Stopped; {path.name} was not written."
         except Exception as error:
             reason = error
-            self._guard(raising(reason))
+            self._guard(error_action(reason))
         finally:
             self.message.value = message
             self.progress.end()

@@ -67,7 +67,7 @@ class ComparePanel(Panel):
 
     def take(self, volume: Volume) -> None:
         """Show a volume next to the first."""
-        self.chosen.offer(volume.in_unit(self.session.editing.grid.unit))
+        self.chosen.offer(volume.to_unit(self.session.editing.grid.unit))
         self._choose(GIVEN)
         self.refresh()
 

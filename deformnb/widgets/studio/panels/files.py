@@ -39,7 +39,7 @@ from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.parameters import PAGE_CONTROLS
-from deformnb.widgets.studio.controls import Guard, Panel, Question, button, file_stem, fill, menu, raising, wide
+from deformnb.widgets.studio.controls import Guard, Panel, Question, button, error_action, file_stem, fill, menu, wide
 from deformnb.widgets.studio.panels.folder import plain_name
 from deformnb.widgets.studio.status import as_html
 from deformnb.widgets.worker import Worker
@@ -83,19 +83,23 @@ class FilesPanel(Panel):
             tooltip="The end of the name chooses the kind of file",
         )
         self.kind.observe(lambda change: setattr(self.name, "value", change["new"]), "value")
-        self.write = self._acting("Write", "Write it into the folder of the notebook", lambda: self._start(False))
-        self.download = self._acting("Download", "Write it and hand it to the browser", lambda: self._start(True))
-        whole = self._acting(
+        self.write = self._action_button(
+            "Write", "Write it into the folder of the notebook", lambda: self._start(False)
+        )
+        self.download = self._action_button(
+            "Download", "Write it and hand it to the browser", lambda: self._start(True)
+        )
+        whole = self._action_button(
             "Export at full resolution",
             "Deform the finest level of the pyramid block by block, into an OME-Zarr folder beside the notebook",
-            self._start_whole,
+            self._choose_folder_format,
         )
         self.level = row(
             basic.HTML(html.escape(_level_text(session.volume)), layout=basic.layout(flex="1 1 240px", min_width="0")),
             whole,
         )
         basic.set_visible(self.level, _level_text(session.volume))
-        self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
+        self.copy = self._action_button("Copy as Python", "The document as a script", self._copy)
         self.page = PageOptions(session.volume.name)
         self.name.observe(self._show_page_options, "value")
         self._show_page_options()
@@ -109,7 +113,7 @@ class FilesPanel(Panel):
             self.writing.file_transfer,
         )
 
-    def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
+    def _action_button(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
         return button(text, tooltip, lambda: self.guard(action))
 
     # -- writing -------------------------------------------------------------------------------------------------------
@@ -117,7 +121,7 @@ class FilesPanel(Panel):
     def _show_page_options(self, _change: Any = None) -> None:
         basic.set_visible(self.page.box, self.name.value.lower().endswith(_PAGE))
 
-    def _start_whole(self) -> None:
+    def _choose_folder_format(self) -> None:
         if not self.name.value.lower().endswith(_FOLDERS):
             self.kind.value = self.name.value = next(name for _, name in self.kind.options if name.endswith(_FOLDERS))
         self._start(False)
@@ -133,7 +137,7 @@ class FilesPanel(Panel):
                 self.writing.message.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
         frozen = Frozen.of(self.session, self._view.settings())
-        job = Job(path, frozen, downloads, page=self.page.chosen())
+        job = Job(path, frozen, downloads, page=self.page.options())
         if os.path.lexists(path) and not frozen.files.known.has(path):
             self.writing.message.value = ""
             is_volume = path.name.lower().endswith((*EXPORTS["volume"].suffixes, *_FOLDERS))
@@ -174,7 +178,7 @@ class PageOptions:
     --------
     >>> options = PageOptions("fish")
     >>> options.controls["reset"].value = False
-    >>> options.chosen()["title"], "reset" in options.chosen()["controls"]
+    >>> options.options()["title"], "reset" in options.options()["controls"]
     ('fish', False)
     """
 
@@ -201,7 +205,7 @@ class PageOptions:
         }
         self.box = column(self.title, self.text, row(*self.controls.values()))
 
-    def chosen(self) -> dict[str, Any]:
+    def options(self) -> dict[str, Any]:
         """The choices, as options of ``write_page``."""
         return {
             "title": self.title.value,
@@ -255,7 +259,7 @@ class FileWriting:
 
     def _do(self, job: Job) -> None:
         try:
-            with guard_writes(job.landing):
+            with guard_writes(job.replace_target):
                 if job.path.name.lower().endswith(_PAGE):
                     self._write_page(
                         job.path, **job.page, overwrite=job.overwrite, progress=partial(self._progress, job)
@@ -277,7 +281,7 @@ class FileWriting:
         except Exception as error:
             reason = error
             if self._finish(job, ""):
-                self._guard(raising(reason))
+                self._guard(error_action(reason))
 
     def _progress(self, job: Job, share: float) -> None:
         if job.is_cancelled:
@@ -338,7 +342,7 @@ class Job:
     Examples
     --------
     >>> job = Job(Path("fish.png"), None, False)
-    >>> with job.landing():
+    >>> with job.replace_target():
     ...     job.cancel()
     False
     """
@@ -365,7 +369,7 @@ class Job:
             return self.is_cancelled
 
     @contextmanager
-    def landing(self) -> Iterator[None]:
+    def replace_target(self) -> Iterator[None]:
         """The moment in which the file takes its place; Cancelled if it has been cancelled."""
         with self._lock:
             if self.is_cancelled:

@@ -144,7 +144,7 @@ class LabelChooser(Panel):
         DeformError
             If it is elsewhere in space, or is no label volume; the labels before stay.
         """
-        labels = labels.in_unit(self.session.editing.grid.unit)
+        labels = labels.to_unit(self.session.editing.grid.unit)
         if not labels.grid.overlaps(self.session.volume.grid):
             raise DeformError(
                 f"{name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "

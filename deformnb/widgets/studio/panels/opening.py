@@ -117,15 +117,15 @@ class OpenPanel(Panel):
     def _take_session(self, path: Path) -> None:
         document = read_document(path)[0]
         try:
-            self._on_open(path.name, document)
+            self._open_session(path.name, document)
         except OtherVolumeError:
             self.question.ask(
                 self.session.files.difference(document),
                 "Open anyway",
-                lambda: self._on_open(path.name, document, allow_other_volume=True),
+                lambda: self._open_session(path.name, document, allow_other_volume=True),
             )
 
-    def _on_open(self, name: str, document: Deformation, allow_other_volume: bool = False) -> None:
+    def _open_session(self, name: str, document: Deformation, allow_other_volume: bool = False) -> None:
         self.session.take(document, f"open {name}", allow_other_volume=allow_other_volume)
         self.session.editing.notice = self.session.editing.notice or f"Opened {name}; undo leads back."
 

@@ -35,7 +35,7 @@ from deformnb.warping.warper import warp_picture
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, row
 from deformnb.widgets.image_encoding import as_png
-from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, ProgressBar, button, raising, slider
+from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, ProgressBar, button, error_action, slider
 from deformnb.widgets.studio.panels.target import GIVEN, NO_TARGET, FitTarget
 from deformnb.widgets.worker import Worker
 
@@ -43,7 +43,7 @@ from deformnb.widgets.worker import Worker
 PREVIEW = 260
 
 
-def compared(
+def grey_pair(
     moving: Picture, fixed: Picture, map_now: AbstractField
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The deformed moving picture and the fixed one as grey values of one size, with square pixels."""
@@ -61,7 +61,7 @@ def ghost(moving: Picture, fixed: Picture) -> NDArray[np.uint8]:
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def blended(now: NDArray[np.float64], fixed: NDArray[np.float64], share: float) -> NDArray[np.uint8]:
+def blend_pictures(now: NDArray[np.float64], fixed: NDArray[np.float64], share: float) -> NDArray[np.uint8]:
     """Both as one picture, (v, 2 u + gap, 3): faded from one to the other, and green (now) over magenta (target).
 
     Where the two agree the second is grey; green and magenta differ for the colour-blind too.
@@ -152,8 +152,8 @@ class FitPreview:
             editor.ghost = as_png(ghost(moving, fixed))  # type: ignore[arg-type]
             self._laid_over = (editor, moving, fixed)
         editor.ghost_opacity = self.over.value
-        now, goal = compared(moving, fixed, editor.fit())  # type: ignore[arg-type]
-        self.image.value = as_png(blended(now, goal, self.blend.value))
+        now, goal = grey_pair(moving, fixed, editor.fit())  # type: ignore[arg-type]
+        self.image.value = as_png(blend_pictures(now, goal, self.blend.value))
 
 
 class FitPanel(Panel):
@@ -190,7 +190,7 @@ class FitPanel(Panel):
         if target is not None:
             self.target.choose(GIVEN)
             self.choice.value = GIVEN
-        self.choice.observe(self._on_choice, "value")
+        self.choice.observe(self._handle_choice, "value")
         self.measure = basic.Dropdown(
             options=[(_MEASURES.get(name, name), name) for name in MEASURES],
             style=WHOLE_DESCRIPTION,
@@ -239,7 +239,7 @@ class FitPanel(Panel):
         return {
             "Snap selected points": (_SNAP_TIP, self._snap),
             "Fit all points": ("All points that are not locked are moved so that the pictures look alike", self._fit),
-            "Points along the outline": (_ALONG_TIP, self._along),
+            "Points along the outline": (_ALONG_TIP, self._fit_outlines),
             "Slide along the outline": (_SLIDE_TIP, self._slide),
         }
 
@@ -263,7 +263,7 @@ class FitPanel(Panel):
 
     # -- the target ----------------------------------------------------------------------------------------------------
 
-    def _on_choice(self, change: Any) -> None:
+    def _handle_choice(self, change: Any) -> None:
         key = change["new"]
         if key != self.target.key and self._refreshing.depth == 0:
             self._busy(f"Reading {key} ..." if key != NO_TARGET else "")
@@ -282,7 +282,7 @@ class FitPanel(Panel):
         """Make a volume the target that is chosen."""
         if self.progress.is_busy:
             raise DeformError("a fit is under way; stop it first.")
-        self.target.offer(volume.in_unit(self.session.editing.grid.unit))
+        self.target.offer(volume.to_unit(self.session.editing.grid.unit))
         self.target.choose(GIVEN)
         self.message.value = _words(self.target.note or _HINT)
         self.refresh()
@@ -341,7 +341,7 @@ class FitPanel(Panel):
             message = "Stopped; nothing was changed."
         except Exception as error:
             reason = error
-            self.guard(raising(reason))
+            self.guard(error_action(reason))
         finally:
             self.message.value = _words(message)  # before the next fit can show its own
             self.progress.end()
@@ -380,10 +380,10 @@ class FitPanel(Panel):
         found = fit_targets(begun.points, moving, fixed, progress=self._advance, **begun.options, **begun.settings)
         return found.points, _report(found, begun.points, time.perf_counter() - start)
 
-    def _along(self, begun: Begun) -> tuple[ControlPoints, str]:
+    def _fit_outlines(self, begun: Begun) -> tuple[ControlPoints, str]:
         source, goal = (self._outline(picture) for picture in self.target.pair())
         found = fit_outline(begun.points, source, goal, count=self.count.value, progress=self._advance)
-        return found.points, f"{len(found.ids)} points put on the outline. {_bent(found.energy)}"
+        return found.points, f"{len(found.ids)} points put on the outline. {_bending_text(found.energy)}"
 
     def _slide(self, begun: Begun) -> tuple[ControlPoints, str]:
         points = begun.points
@@ -396,7 +396,7 @@ class FitPanel(Panel):
                 "points that lie on it."
             )
         found = slide(points, [self._outline(self.target.pair()[1])], ids=ids, progress=self._advance)
-        return found.points, f"{len(found.ids)} points slid. {_bent(found.energy)}"
+        return found.points, f"{len(found.ids)} points slid. {_bending_text(found.energy)}"
 
     def _outline(self, picture: Any) -> Any:
         found = outline(picture) if isinstance(picture, Picture) else []
@@ -441,7 +441,7 @@ def _report(found: Fitted, before: ControlPoints, seconds: float) -> str:
     )
 
 
-def _bent(energy: tuple[float, ...]) -> str:
+def _bending_text(energy: tuple[float, ...]) -> str:
     return f"Bending energy {energy[0]:.3g} by arc length, {energy[-1]:.3g} after {len(energy) - 1} steps."
 
 

@@ -24,7 +24,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.item_list import ItemList
-from deformnb.widgets.messages.shapes import followed
+from deformnb.widgets.messages.shapes import track_index
 from deformnb.widgets.studio.controls import Guard, Panel, button, menu, slider, widget_of
 from deformnb.widgets.studio.panels.labels import LabelChooser
 
@@ -365,8 +365,8 @@ class ShapesPanel(Panel):
         self.labels = LabelChooser(session, guard, self.add_regions, folder, labels, names)
         more = row(*self._drawing, fixed)
         self.box = column(self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box)
-        editor.observe(self._chosen_in_the_picture, "chosen_shape")
-        self._chosen_in_the_picture({"new": editor.chosen_shape})  # before the panel was made
+        editor.observe(self._follow_choice, "chosen_shape")
+        self._follow_choice({"new": editor.chosen_shape})  # before the panel was made
         self.refresh()
 
     def _draw_buttons(self) -> list[Any]:
@@ -386,7 +386,7 @@ class ShapesPanel(Panel):
     def close(self) -> None:
         """Let go of the label volume and of the picture."""
         self.labels.close()
-        self._editor.unobserve(self._chosen_in_the_picture, "chosen_shape")
+        self._editor.unobserve(self._follow_choice, "chosen_shape")
 
     # -- contents ------------------------------------------------------------------------------------------------------
 
@@ -437,12 +437,12 @@ class ShapesPanel(Panel):
         before, self._listed = self._listed, {what: self._shapes(what) for what in ("cut", "part")}
         if self._chosen is not None:
             what, k = self._chosen
-            place = followed(before[what], self._listed[what], k)
+            place = track_index(before[what], self._listed[what], k)
             self._chosen = None if place is None else (what, place)
         elif len(rows := self._rows()) == 1 and not any(before.values()):
             self._chosen = rows[0]
 
-    def _chosen_in_the_picture(self, change: Any) -> None:
+    def _follow_choice(self, change: Any) -> None:
         chosen = change["new"]
         if chosen and self.session.editing.step.plane is not None:  # where it has none, the row stays
             self._choose(chosen["what"].removesuffix("s"), chosen["index"])
@@ -465,19 +465,19 @@ class ShapesPanel(Panel):
         self.refresh()
 
     def _replace(self, verb: str, **fields: Any) -> None:
-        what, k = self._the_chosen()
+        what, k = self._get_chosen()
         shapes = list(self._shapes(what))
         label = f"{verb} {_name(what, k, shapes[k])}"
         shapes[k] = replace(shapes[k], **fields)
         self._edit(what, shapes, label)
 
     def _remove(self) -> None:
-        what, k = self._the_chosen()
+        what, k = self._get_chosen()
         shapes = list(self._shapes(what))
         label = f"remove {_name(what, k, shapes.pop(k))}"
         self._edit(what, shapes, label)
 
-    def _the_chosen(self) -> tuple[str, int]:
+    def _get_chosen(self) -> tuple[str, int]:
         if self._chosen is None:
             raise DeformError("no cut or part is chosen; click on one in the list.")
         return self._chosen

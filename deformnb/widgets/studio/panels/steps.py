@@ -155,7 +155,7 @@ class HistoryPanel(Panel):
             self.guard(lambda: go_to(self.session, state, recovery=self._recovery))
             self.refresh()
 
-    def opened(self, is_open: bool) -> None:
+    def handle_visibility(self, is_open: bool) -> None:
         self._is_seen = is_open
         self.refresh()
 

@@ -27,7 +27,7 @@ from deformnb.widgets.cell_widgets import close_all
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.drawing_pair import DrawingPair
 from deformnb.widgets.inputs.file_transfer import FileTransfer
-from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, menu, raising, slider
+from deformnb.widgets.studio.controls import Guard, Panel, button, error_action, file_stem, menu, slider
 from deformnb.widgets.studio.editors import make_editor, show_step, show_view_state
 from deformnb.widgets.studio.history_labels import edit_label
 from deformnb.widgets.studio.panels.folder import plain_name
@@ -86,7 +86,7 @@ class ThompsonPanel(Panel):
         editor: Editor | None = None,
         folder: str | PathLike[str] = ".",
     ) -> None:
-        super().__init__(session, guard or self._guarded)
+        super().__init__(session, guard or self._run_guarded)
         self.is_alone = editor is None
         self.editor = make_editor(session, _HEIGHT) if editor is None else editor
         self._is_open = self.is_alone
@@ -147,7 +147,7 @@ class ThompsonPanel(Panel):
 
     # -- display -------------------------------------------------------------------------------------------------------
 
-    def opened(self, is_open: bool) -> None:
+    def handle_visibility(self, is_open: bool) -> None:
         """The views are in the front end only while the panel is seen: each of them paints whenever something moves."""
         self._is_open = is_open
         self.arrange()
@@ -177,7 +177,7 @@ class ThompsonPanel(Panel):
             self._sync.close()
             close_all(self._widget, self.editor)
 
-    def _guarded(self, action: Callable[[], None]) -> bool:
+    def _run_guarded(self, action: Callable[[], None]) -> bool:
         try:
             action()
         except DeformError as error:
@@ -205,8 +205,8 @@ class GridViews:
         self._editor = editor
         self.before, self.after = _place("before"), _place("after")
         self._pictures = line(
-            _titled("Original", self.before, _LOOK),
-            _titled("Deformed", self.after),
+            _section("Original", self.before, _LOOK),
+            _section("Deformed", self.after),
             flex_flow="row wrap",
             grid_gap="8px",
         )
@@ -347,7 +347,7 @@ class GridFigure:
                 self.file_transfer.download(path.name, path.read_bytes())
         except Exception as error:
             reason = error
-            self._guard(raising(reason))
+            self._guard(error_action(reason))
         finally:
             if message or self.message.value.startswith("Writing"):
                 self.message.value = message
@@ -439,6 +439,6 @@ def _place(side: str) -> Box:
     return Box(classes=f"dnb-th-{side}", width="100%", min_width="0")
 
 
-def _titled(title: str, place: Box, text: str = "") -> Box:
+def _section(title: str, place: Box, text: str = "") -> Box:
     words = [basic.HTML(text)] if text else []
     return column(basic.HTML(f"<b>{title}</b>"), place, *words, flex="1 1 320px", min_width="0")

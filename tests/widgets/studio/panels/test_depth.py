@@ -83,7 +83,7 @@ class Depth:
 
 
 @pytest.fixture
-def made() -> Iterator[Any]:
+def make_depth() -> Iterator[Any]:
     all_made: list[Depth] = []
 
     def make(rule: str) -> Depth:
@@ -95,8 +95,8 @@ def made() -> Iterator[Any]:
         depth.worker.close()
 
 
-def test_the_view_follows_a_curve_that_is_dragged(made: Any) -> None:
-    depth = made("modulate")
+def test_the_view_follows_a_curve_that_is_dragged(make_depth: Any) -> None:
+    depth = make_depth("modulate")
     document, undo = depth.session.editing.deformation, depth.session.editing.history["undo"]
     ramp = depth.moves
     depth.curve(TENT, "move")
@@ -119,8 +119,8 @@ def test_the_view_follows_a_curve_that_is_dragged(made: Any) -> None:
     np.testing.assert_allclose(depth.moves, ramp)
 
 
-def test_a_drag_that_is_given_up_shows_again_what_was_there(made: Any) -> None:
-    depth = made("modulate")
+def test_a_drag_that_is_given_up_shows_again_what_was_there(make_depth: Any) -> None:
+    depth = make_depth("modulate")
     before, document = depth.moves, depth.session.editing.deformation
     depth.curve(TENT, "move")
     assert not np.allclose(depth.moves, before)
@@ -134,8 +134,8 @@ def test_a_drag_that_is_given_up_shows_again_what_was_there(made: Any) -> None:
     assert modulate(depth.session.editing.step.curve)[1].tolist() == modulate(document.steps[0].curve)[1].tolist()
 
 
-def test_the_view_follows_a_key_that_is_dragged(made: Any) -> None:
-    depth = made("interpolate")
+def test_the_view_follows_a_key_that_is_dragged(make_depth: Any) -> None:
+    depth = make_depth("interpolate")
     session = depth.session
     points = session.editing.points
     session.editing.edit_step(0, 1)
@@ -157,8 +157,8 @@ def test_the_view_follows_a_key_that_is_dragged(made: Any) -> None:
     assert session.editing.history["undo"] == "move a key"
 
 
-def test_a_movement_that_comes_after_the_edit_is_not_shown(made: Any) -> None:
-    depth = made("modulate")
+def test_a_movement_that_comes_after_the_edit_is_not_shown(make_depth: Any) -> None:
+    depth = make_depth("modulate")
     step, started = depth.session.editing.step, []
     depth.worker.latest("busy", lambda: started.append(depth.worker) or _until(lambda: len(started) > 1))
     deliver(
@@ -173,9 +173,9 @@ def test_a_movement_that_comes_after_the_edit_is_not_shown(made: Any) -> None:
     assert depth.session.editing.step is step
 
 
-def test_a_rule_that_was_registered_later_is_offered_and_said(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_rule_that_was_registered_later_is_offered_and_said(make_depth: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(EXTRUSIONS, "half", lambda: modulate("0.5"))
-    depth = made("half")
+    depth = make_depth("half")
     assert depth.panel.rule.value == "half"
     assert "of its own" in depth.panel.hint.value
     assert (depth.panel.curve.layout.display, depth.panel.keys.layout.display) == ("none", "none")

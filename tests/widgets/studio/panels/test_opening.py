@@ -148,7 +148,7 @@ def test_a_volume_that_cannot_be_opened_leaves_everything_as_it_was(monkeypatch:
     widgets = open_widgets()
     with pytest.raises(DeformError, match="no side"):
         studio.open_volume(PHANTOMS["bar"].make((8, 8, 8)), side="no side")
-    monkeypatch.setattr("deformnb.widgets.studio.studio.arranged", failing)
+    monkeypatch.setattr("deformnb.widgets.studio.studio.arrange", failing)
     with pytest.raises(DeformError, match="no room"):
         studio.open_volume(PHANTOMS["bar"].make((8, 8, 8)))
     assert kept == {name: getattr(studio, name) for name in kept}

@@ -25,7 +25,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.studio.editors import show_step
-from deformnb.widgets.studio.panels.registration import FitPanel, blended
+from deformnb.widgets.studio.panels.registration import FitPanel, blend_pictures
 from deformnb.widgets.studio.panels.target import GIVEN, NO_TARGET, FitTarget
 
 SHAPE = (48, 4, 48)
@@ -264,7 +264,7 @@ def test_the_target_is_laid_over_the_editor_on_request(bench: Bench) -> None:
 
 def test_green_over_magenta() -> None:
     now, goal = np.array([[1.0, 0.0]]), np.array([[0.0, 0.5]])
-    picture = blended(now, goal, 0.25)
+    picture = blend_pictures(now, goal, 0.25)
     assert picture[0, :2].tolist() == [[191] * 3, [32] * 3]
     assert picture[0, -2:].tolist() == [[0, 255, 0], [128, 0, 128]]
 

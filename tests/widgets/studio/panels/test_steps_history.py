@@ -128,9 +128,9 @@ def test_the_oldest_state_tells_that_there_was_more() -> None:
 
 def test_a_tab_that_is_not_seen_sends_no_rows_and_catches_up(session: Session) -> None:
     panel = HistoryPanel(session, Guarded())
-    panel.opened(False)
+    panel.handle_visibility(False)
     session.editing.change(trend="none")
     assert [title for title, _, _ in titles(panel)] == ["the beginning"]
-    panel.opened(True)
+    panel.handle_visibility(True)
     assert [title for title, _, _ in titles(panel)] == ["the beginning", "change trend"]
     panel.close()
