@@ -138,7 +138,7 @@ def test_waiting_ends_a_drag_and_a_name_as_escape_does(
     editor.waiting = "Another picture"
     page.wait("document.querySelector('.dnb-ed-waiting') !== null")
     page.page.mouse.move(x + 60, y + 30, steps=3)
-    assert page.js(f"[{PAGE}.tools.points.drag0, {PAGE}.points.list.map((p) => p.target)]") == [
+    assert page.js(f"[{PAGE}.tools.drag.drag0, {PAGE}.points.list.map((p) => p.target)]") == [
         None,
         points.target.tolist(),
     ]

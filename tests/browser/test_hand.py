@@ -329,7 +329,7 @@ def test_a_drop_keeps_the_fit_of_the_last_move(
     page.page.mouse.move(*at)
     page.page.mouse.down()
     page.page.mouse.move(at[0] + 9, at[1] + 5, steps=3)
-    page.wait(f"{PAGE}.tools.points.drag0 && !{PAGE}.frames.isMoving && !{PAGE}.frames.request")
+    page.wait(f"{PAGE}.tools.drag.drag0 && !{PAGE}.frames.isMoving && !{PAGE}.frames.request")
     page.js(f"{{ window.moved = {PAGE}.map.layered; }}")
     page.page.mouse.up()
     assert np.linalg.norm(page.points.target[4] - points.target[4]) > 1

@@ -20,7 +20,10 @@ const BRUSH_SWELL = 120; // CSS pixels of a drag that scale the middle by e
 const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
 
 /** Dependencies of the brush on the editor. */
-export type BrushEditor = EditorParts<"model" | "frames" | "messages" | "stage" | "viewport" | "picture", "points">;
+export type BrushEditor = EditorParts<
+  "model" | "frames" | "messages" | "stage" | "viewport" | "picture",
+  "drag" | "strokes"
+>;
 
 /** A brush in use, its circle and its bar. */
 export class Brush {
@@ -128,12 +131,12 @@ export class Brush {
 
   press(at: Vector2) {
     const { editor } = this,
-      { points: pointTools } = editor.tools;
+      { strokes } = editor.tools;
     this.at = this.from = at;
-    const stroke = this.tool ? pointTools.beginStroke(editor.viewport.placeAt(at), this.radius, this.tool) : null;
+    const stroke = this.tool ? strokes.begin(editor.viewport.placeAt(at), this.radius, this.tool) : null;
     if (!stroke) return;
     this.stroke = stroke;
-    pointTools.paintStroke(stroke);
+    strokes.paint(stroke);
   }
 
   drag(at: Vector2) {
@@ -144,7 +147,7 @@ export class Brush {
     const was = { points: stroke.points, middle: stroke.middle, swell: stroke.swell };
     if (stroke.tool === "move") stroke.move(editor.viewport.placeAt(at));
     else stroke.grow((at[0] - this.from[0] + this.from[1] - at[1]) / BRUSH_SWELL);
-    if (editor.tools.points.paintStroke(stroke)) return;
+    if (editor.tools.strokes.paint(stroke)) return;
     Object.assign(stroke, was); // no further: it would fold, or enter a rigid part
   }
 
@@ -153,7 +156,7 @@ export class Brush {
     const { stroke } = this;
     this.stroke = null;
     const isIdle = stroke.tool === "move" ? stroke.done === 0 : stroke.swell === 0;
-    this.editor.tools.points.endDrag(isCancelled || isIdle, "brush");
+    this.editor.tools.drag.endDrag(isCancelled || isIdle, "brush");
     if (!isCancelled && !isIdle) this.editor.messages.announce(`${stroke.name} done`);
   }
 

@@ -6,8 +6,8 @@ import type { EditorParts } from "./parts.ts";
 
 /** Dependencies of the commands on the editor. */
 export type CommandEditor = EditorParts<
-  "model" | "frames" | "picture" | "points" | "viewport",
-  "modes" | "points" | "shapes" | "wand" | "window",
+  "model" | "picture" | "points" | "viewport",
+  "modes" | "points" | "turns" | "shapes" | "wand" | "window",
   "overlay",
   "toolbar"
 >;
@@ -40,15 +40,12 @@ const COMMANDS: Record<string, (editor: CommandEditor, ids: number[]) => void> =
   "mirror-axis": (editor) => editor.tools.points.mirror.turn(),
   snap: (editor) => editor.tools.points.snap.toggle(),
   stop: (editor) => toggle(editor, "stop_at_folds"),
-  "turn-left": (editor) => editor.tools.points.turnKey(-1, { isLarge: true, isScale: false }),
-  "turn-right": (editor) => editor.tools.points.turnKey(1, { isLarge: true, isScale: false }),
+  "turn-left": (editor) => editor.tools.turns.turnKey(-1, { isLarge: true, isScale: false }),
+  "turn-right": (editor) => editor.tools.turns.turnKey(1, { isLarge: true, isScale: false }),
   grid: (editor) => toggle(editor, "show_grid"),
   radius: (editor) => toggle(editor, "show_radius"),
   overlay: (editor) => editor.layers.overlay.next(),
-  compare: (editor) => {
-    editor.picture.isComparing = !editor.picture.isComparing;
-    editor.frames.invalidate();
-  },
+  compare: (editor) => editor.picture.toggleComparing(),
   "zoom-in": (editor) => editor.viewport.zoomAt(1.25),
   "zoom-out": (editor) => editor.viewport.zoomAt(0.8),
   fit: (editor) => editor.viewport.fit(),

@@ -2,7 +2,7 @@
 // points that pull it open, and points along it in its place: so an outline that was traced becomes points.
 // The trait "front_only" is null without Python: then the depth is not offered.
 
-import { newPoint, nextId } from "../maths/points.ts";
+import { newPoint } from "../maths/points.ts";
 import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { RegionData, Vector2 } from "../types.ts";
@@ -16,7 +16,7 @@ const NEAR = 0.05; // of the diagonal of the picture: a point so near holds the 
 
 /** Dependencies of the bar on the editor. */
 export type CutBarEditor = EditorParts<
-  "model" | "sender" | "frames" | "messages" | "stage" | "points" | "picture",
+  "model" | "frames" | "messages" | "stage" | "points" | "map" | "picture",
   "brush" | "pen" | "wand" | "points" | "shapes"
 >;
 
@@ -90,10 +90,10 @@ export class CutBar {
     if (!region) return;
     const made = [...editor.points.list],
       isClosed = region.kind === "polygon";
-    let id = nextId(made, editor.sender.nextId),
+    let id = editor.points.nextId(),
       count = 0;
     for (const place of placesAlong(region.vertices, isClosed ? CLOSED_POINTS : OPEN_POINTS, isClosed)) {
-      const source = pointTools.visiblePlace(place as Vector2);
+      const source = editor.map.visiblePlace(place as Vector2);
       if (source !== null) made.push(newPoint(id++, source, place, `outline ${++count}`));
     }
     if (!pointTools.edit(made, "add")) return;
@@ -111,9 +111,9 @@ export class CutBar {
     const { pulled, held } = openingPlaces(region.vertices, editor.picture.box),
       near = NEAR * Math.hypot(a1 - a0, b1 - b0);
     const made = [...editor.points.list];
-    let id = nextId(made, editor.sender.nextId);
+    let id = editor.points.nextId();
     for (const { from, to } of pulled) {
-      const source = pointTools.visiblePlace(from as Vector2);
+      const source = editor.map.visiblePlace(from as Vector2);
       if (source === null) {
         editor.messages.hint("It is open already: drag its points to pull further", 4000);
         return;
@@ -121,7 +121,7 @@ export class CutBar {
       made.push(newPoint(id++, source, to));
     }
     for (const place of held) {
-      const source = pointTools.visiblePlace(place as Vector2);
+      const source = editor.map.visiblePlace(place as Vector2);
       const isNear = editor.points.list.some(({ target: [a, b] }) => Math.hypot(a - place[0], b - place[1]) < near);
       if (source !== null && !isNear) made.push(newPoint(id, source, place, `hold ${id++}`));
     }

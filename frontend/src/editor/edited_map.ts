@@ -5,7 +5,7 @@ import { foldsOf, probesOf } from "../maths/folds.ts";
 import { samePoints } from "../maths/points.ts";
 import { RBF_KERNELS, RbfError } from "../maths/rbf.ts";
 import { publishPoints, settingsOf } from "../sync/bus.ts";
-import type { FitSettings, LayeredFit, Point, Shapes } from "../types.ts";
+import type { FitSettings, LayeredFit, Point, Shapes, Vector, Vector2 } from "../types.ts";
 import type { PictureSource } from "./painter.ts";
 import type { EditorParts } from "./parts.ts";
 
@@ -55,6 +55,25 @@ export class EditedMap {
   fitAt([x]: number[]) {
     const { picture, viewport } = this.editor;
     return picture.isOriginal || x! < picture.original.share * viewport.view.width ? null : this.layered;
+  }
+
+  /**
+   * A function of places of the picture: the source of a point there that moves nothing, null in a gap. As drags are
+   * magnified by the strength, a feature must come from target + D / strength to be seen at the target.
+   */
+  sourcesOf(layered: LayeredFit | null): (target: Vector) => Vector2 | null {
+    const strength = this.strength || 1;
+    return (target) => {
+      const [da, db, opacity] = layered ? placeOf(layered, target[0], target[1], 1e-9) : ([0, 0, 1] as const);
+      return opacity < 0.5 ? null : [target[0] + da / strength, target[1] + db / strength];
+    };
+  }
+
+  /** The place of the original picture that is visible at a place, null in a gap. */
+  visiblePlace([a, b]: Vector2): Vector2 | null {
+    const layered = this.editor.picture.isComparing ? null : this.layered;
+    const [da, db, opacity] = layered ? placeOf(layered, a, b, 1e-9) : ([0, 0, 1] as const);
+    return opacity < 0.5 ? null : [a + da, b + db];
   }
 
   /** Mark the fit as stale: points or settings have changed. */

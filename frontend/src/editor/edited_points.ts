@@ -1,5 +1,6 @@
 // The points and shapes of one view of an editor, as they are during a drag, and which of them are selected.
 
+import { nextId } from "../maths/points.ts";
 import { RestingTrait } from "../sync/edits.ts";
 import type { Point, Shapes } from "../types.ts";
 import type { Parts } from "./parts.ts";
@@ -40,6 +41,11 @@ export class EditedPoints {
   /** Whether points, a shape or a part are being dragged. */
   get isDragging() {
     return this.draggers.some(({ drag0 }) => drag0 !== null);
+  }
+
+  /** The id of the next point that is added to a list. */
+  nextId(list = this.list) {
+    return nextId(list, this.editor.sender.nextId);
   }
 
   withId(id: number) {

@@ -28,7 +28,10 @@ import { NamePrompt } from "./name_prompt.ts";
 import { GHOST_TRAITS, Ghost, OVERLAY_TRAITS, Overlay } from "./overlays.ts";
 import { PartTools } from "./part_tools.ts";
 import type { Parts } from "./parts.ts";
+import { PointDrag } from "./point_drag.ts";
+import { PointStrokes } from "./point_strokes.ts";
 import { PointTools } from "./point_tools.ts";
+import { PointTurns } from "./point_turns.ts";
 import { Gestures } from "./pointer.ts";
 import { Pen, ShapeTools } from "./shape_tools.ts";
 import { ShownPicture } from "./shown_picture.ts";
@@ -95,7 +98,10 @@ export class EditorView extends EditorDrawing {
     tools.parts = new PartTools(parts);
     tools.foldStop = new FoldStop(parts);
     layers.handles = new Handles(this.stage.svg);
+    tools.drag = new PointDrag(parts);
     tools.points = new PointTools(parts);
+    tools.turns = new PointTurns(parts);
+    tools.strokes = new PointStrokes(parts);
     tools.pen = new Pen(parts);
     tools.brush = new Brush(parts);
     tools.window = new WindowTool(parts);
@@ -334,7 +340,8 @@ export class EditorView extends EditorDrawing {
       return;
     }
     map.refit();
-    tools.points.sendMove();
+    tools.drag.sendMove();
+    tools.parts.sendMove();
   }
 
   /** Draw shapes, nodes, points and the marks of tools. */
@@ -357,7 +364,7 @@ export class EditorView extends EditorDrawing {
       brush: tools.brush,
       pen: tools.pen,
       isLocked: points.isLocked,
-      isHolding: tools.points.drag0 !== null,
+      isHolding: tools.drag.drag0 !== null,
       isAdding: tools.modes.isAdding,
       toView: (place) => viewport.toView(place),
     });

@@ -13,7 +13,7 @@ import type { EditorParts } from "./parts.ts";
 /** Dependencies of the keys on the editor. */
 export type KeysEditor = EditorParts<
   "model" | "frames" | "messages" | "stage" | "points" | "picture" | "commands",
-  "hits" | "brush" | "modes" | "gestures" | "points" | "shapes" | "parts",
+  "hits" | "brush" | "modes" | "gestures" | "points" | "turns" | "shapes" | "parts",
   "handles",
   "toolbar"
 >;
@@ -128,7 +128,7 @@ export class EditorKeys {
       return true;
     }
     if (way) {
-      editor.tools.points.turnKey(way, { isLarge: event.shiftKey, isScale: isAlt });
+      editor.tools.turns.turnKey(way, { isLarge: event.shiftKey, isScale: isAlt });
       return true;
     }
     if (isAlt) return false;

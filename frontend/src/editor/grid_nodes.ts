@@ -4,7 +4,7 @@
 // A view in an element of class dnb-th-after shows nodes, as one of an editor whose trait `drag_grid` is true does.
 // A view in an element of class dnb-th-before shows the original, with the regular grid and nothing to drag.
 
-import { newPoint, nextId, placeBetween } from "../maths/points.ts";
+import { newPoint, placeBetween } from "../maths/points.ts";
 import { gridPlaces, gridShape } from "../maths/warp_map.ts";
 import type { LayeredFit, Point, Vector2 } from "../types.ts";
 import { ARROWS, OWN_KEYS, setAttributes, setText, slackOf, svgElement } from "../ui/dom.ts";
@@ -21,8 +21,8 @@ const STILL_GRID = "Drags are magnified 0 times: the grid is that of the origina
 
 /** Dependencies of the nodes on the editor. */
 export type NodesEditor = EditorParts<
-  "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
-  "pen" | "modes" | "gestures" | "points",
+  "model" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
+  "gestures" | "drag" | "points",
   "handles"
 >;
 
@@ -218,7 +218,7 @@ export class GridNodes {
   /** The points and a new one at a node, whose target is the node's place: nothing moves by it. */
   #point({ columns, source, target }: GridPlaces, n: number) {
     const { editor, pull } = this,
-      id = nextId(editor.points.list, editor.sender.nextId);
+      id = editor.points.nextId();
     const [x, y] = [source[2 * n]!, source[2 * n + 1]!],
       from: Vector2 = [x, y];
     const to: Vector2 = [x + pull * (target[2 * n]! - x), y + pull * (target[2 * n + 1]! - y)];
@@ -237,16 +237,7 @@ export class GridNodes {
   #down(event: PointerEvent) {
     const { editor } = this,
       n = this.#at(event);
-    if (
-      event.button !== 0 ||
-      n === null ||
-      editor.points.isLocked ||
-      editor.tools.pen.isOn ||
-      editor.tools.modes.isAdding ||
-      editor.tools.gestures.isSpaceDown ||
-      editor.tools.gestures.pointers.size
-    )
-      return; // for other listeners
+    if (event.button !== 0 || n === null || editor.points.isLocked || editor.tools.gestures.isBusy) return; // for other listeners
     event.stopPropagation();
     event.preventDefault();
     if (this.drag || !this.#isFree()) return;
@@ -264,7 +255,7 @@ export class GridNodes {
 
   #move(event: PointerEvent) {
     const { drag, editor } = this,
-      { points: pointTools } = editor.tools;
+      { drag: pointDrag } = editor.tools;
     if (!drag || event.pointerId !== drag.pointer) return;
     event.stopPropagation();
     const at = editor.stage.placeOf(event),
@@ -273,13 +264,13 @@ export class GridNodes {
       if (Math.hypot(by[0], by[1]) < drag.slack || !this.made) return;
       const { id, points } = this.#point(this.made.places, drag.n);
       drag.id = id;
-      if (!pointTools.beginDrag(points)) {
+      if (!pointDrag.beginDrag(points)) {
         this.drag = null;
         return;
       }
       editor.points.select([id], false);
     }
-    pointTools.drag([drag.id], by, "target", drag.id, event.shiftKey);
+    pointDrag.drag([drag.id], by, "target", drag.id, event.shiftKey);
   }
 
   #up(event: PointerEvent, isCancelled: boolean) {
@@ -296,13 +287,8 @@ export class GridNodes {
       if (!isCancelled) editor.messages.hint(NODE_HINT, 4000);
       return;
     }
-    const before = editor.sender.points; // of which the new point is none yet
-    editor.tools.points.endDrag(isCancelled);
-    if (isCancelled || editor.sender.points === before) {
-      editor.points.select([]);
-      return;
-    }
-    editor.tools.points.present(drag.id, "holds the grid");
+    if (editor.tools.drag.endDrag(isCancelled)) editor.tools.points.present(drag.id, "holds the grid");
+    else editor.points.select([]);
   }
 
   /** Hold a node where it is. */

@@ -1,13 +1,13 @@
 // The mirror of the editor: a line, at which edits of points are mirrored.
 
-import { mirrorEdit, mirrorSide, nextId } from "../maths/points.ts";
+import { mirrorEdit, mirrorSide } from "../maths/points.ts";
 import { findVisiblePlace } from "../maths/warp_map.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { Point, Vector } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
 
 /** Dependencies of the mirror on the editor. */
-export type MirrorEditor = EditorParts<"model" | "sender" | "frames" | "messages" | "points" | "map" | "picture">;
+export type MirrorEditor = EditorParts<"model" | "frames" | "messages" | "points" | "map" | "picture">;
 
 export class PointMirror {
   constructor(readonly editor: MirrorEditor) {}
@@ -70,7 +70,7 @@ export class PointMirror {
    * @param holds whether new points hold the visible tissue, on both sides
    */
   edit(before: Point[], after: Point[], lead: number = 0, holds: boolean = false) {
-    const { map, picture, sender } = this.editor,
+    const { map, picture, points } = this.editor,
       { layered } = map,
       { state } = this,
       near = this.#near;
@@ -79,6 +79,6 @@ export class PointMirror {
       holds && layered && map.strength === 1 && !picture.isOriginal
         ? findVisiblePlace(layered, source, 1e-6 * near.axis)
         : null;
-    return mirrorEdit(state, before, after, { near, lead, id: nextId(after, sender.nextId), findVisible });
+    return mirrorEdit(state, before, after, { near, lead, id: points.nextId(after), findVisible });
   }
 }

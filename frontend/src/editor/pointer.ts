@@ -19,7 +19,7 @@ import type { EditorParts } from "./parts.ts";
 /** Dependencies of the pointers on the editor. */
 export type PointerEditor = EditorParts<
   "frames" | "messages" | "stage" | "viewport" | "points",
-  "hits" | "brush" | "pen" | "window" | "modes" | "points" | "shapes" | "parts",
+  "hits" | "brush" | "pen" | "window" | "modes" | "points" | "drag" | "turns" | "shapes" | "parts",
   "handles" | "marks",
   "status"
 >;
@@ -89,6 +89,12 @@ export class Gestures {
 
   // ---- pointers -----------------------------------------------------------------------------------------------------
 
+  /** Whether a press belongs to a gesture or a mode: nothing else may begin. */
+  get isBusy() {
+    const { modes, pen } = this.editor.tools;
+    return pen.isOn || modes.isAdding || this.isSpaceDown || this.pointers.size > 0;
+  }
+
   #down(event: PointerEvent) {
     const { points, stage, viewport } = this.editor;
     if (points.isWaiting) return;
@@ -111,7 +117,7 @@ export class Gestures {
   /** The gesture that a press begins, or null. */
   #begin(event: PointerEvent, at: Vector2): Gesture | null {
     const { layers, stage, tools, viewport } = this.editor,
-      { brush, hits, modes, points, shapes, window } = tools;
+      { brush, drag, hits, modes, points, shapes, turns, window } = tools;
     const grabbed = hits.pointAt(event),
       mark = hits.markAt(event),
       shape = grabbed ? null : this.#ownShapeAt(event);
@@ -136,13 +142,11 @@ export class Gestures {
       return null;
     }
     if (mark === "turn") {
-      const turn = points.beginTurn();
-      const turnTo = (angle: number, factor: number) => turn && points.turnTo(turn, angle, factor);
+      const turn = turns.begin();
+      const turnTo = (angle: number, factor: number) => turn && turns.turnTo(turn, angle, factor);
       return (
         turn &&
-        new TurnGesture(at, viewport.toView(turn.about), turnTo, (isCancelled, kind) =>
-          points.endDrag(isCancelled, kind),
-        )
+        new TurnGesture(at, viewport.toView(turn.about), turnTo, (isCancelled, kind) => drag.endDrag(isCancelled, kind))
       );
     }
     if (shape) {
@@ -158,7 +162,7 @@ export class Gestures {
 
   #grab(event: PointerEvent, grabbed: GrabbedPoint, at: Vector2) {
     const { layers, points, tools } = this.editor,
-      made = new PointsGesture(event, at, grabbed, points, tools.modes.isSelecting, tools.points);
+      made = new PointsGesture(event, at, grabbed, points, tools.modes.isSelecting, tools.drag);
     layers.handles.focus(grabbed.id);
     return made;
   }

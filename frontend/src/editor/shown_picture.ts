@@ -28,6 +28,11 @@ export class ShownPicture {
     this.slices = new Slices(editor.model, editor.messages);
   }
 
+  toggleComparing() {
+    this.isComparing = !this.isComparing;
+    this.editor.frames.invalidate();
+  }
+
   /** Decode the picture of the trait, and call `loaded` unless another one has been requested meanwhile. */
   async load(loaded: () => void) {
     this.#requests += 1;

@@ -32,8 +32,8 @@ interface Outline {
 
 /** Dependencies of the wand on the editor. */
 export type WandEditor = EditorParts<
-  "model" | "frames" | "messages" | "stage" | "viewport" | "picture" | "points",
-  "modes" | "points" | "shapes"
+  "model" | "frames" | "messages" | "stage" | "viewport" | "picture" | "points" | "map",
+  "modes" | "shapes"
 >;
 
 export class Wand {
@@ -146,7 +146,7 @@ export class Wand {
   /** @param at CSS pixels */
   pick(at: Vector2) {
     const { editor } = this,
-      source = editor.tools.points.visiblePlace(editor.viewport.placeAt(at));
+      source = editor.map.visiblePlace(editor.viewport.placeAt(at));
     if (source === null) {
       editor.messages.hint("This is a gap: there is nothing here to select");
       return;

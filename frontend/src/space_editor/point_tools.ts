@@ -5,16 +5,7 @@ import type { Moved } from "../editor/gesture.ts";
 import type { PointsEdit } from "../generated.ts";
 import { added, difference, dot, scaled } from "../maths/camera.ts";
 import { formatLength } from "../maths/numbers.ts";
-import {
-  addPoint,
-  freeIds,
-  mirrorEdit,
-  mirrorSide,
-  nextId,
-  removePoints,
-  toggleLocks,
-  turnOfKey,
-} from "../maths/points.ts";
+import { addPoint, freeIds, mirrorEdit, mirrorSide, removePoints, toggleLocks, turnOfKey } from "../maths/points.ts";
 import { fromPane, rotateInSpace, toPane, translateInSpace, vectorFromPane } from "../maths/space.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { Mirror, PaneInfo, Point, Vector2, Vector3 } from "../types.ts";
@@ -115,7 +106,7 @@ export class SpacePointTools {
 
   addPlace(place: Vector3, pane: SpacePane) {
     const { editor } = this,
-      id = nextId(editor.points.list, editor.sender.nextId);
+      id = editor.points.nextId();
     if (!this.change(addPoint(editor.points.list, id, place, place), "add")) return null;
     editor.points.select([id]);
     editor.frames.drawNow();
@@ -236,7 +227,7 @@ export class SpacePointTools {
   symmetric(before: Point[], after: Point[], lead: number = 0) {
     const { mirror } = this;
     if (!mirror.on) return after;
-    const id = nextId(after, this.editor.sender.nextId);
+    const id = this.editor.points.nextId(after);
     return mirrorEdit(mirror, before, after, { near: this.#mirrorNear, lead, id });
   }
 

@@ -1,0 +1,151 @@
+// Drags of control points: as far as folds and rigid parts let them go, sent to Python while it follows.
+
+import type { PointsEdit } from "../generated.ts";
+import { freeIds, includeRims, placeBetween, translatePoints } from "../maths/points.ts";
+import { rbfLabel } from "../maths/rbf.ts";
+import { findConflicts, partLabel } from "../maths/rigid_stages.ts";
+import type { PartData, Point, Vector2 } from "../types.ts";
+import type { Moved, PointDragger } from "./gesture.ts";
+import type { EditorParts } from "./parts.ts";
+
+/** A point that contradicts a rigid part */
+export type Held = { point: Point; part: PartData };
+/**
+ * The part of a drag from `before` to `points` after which a point would enter a rigid part and contradict its motion.
+ */
+function limitMove(
+  before: Point[],
+  points: Point[],
+  parts: PartData[],
+  strength: number,
+): { points: Point[]; held: Held[] } {
+  if (!parts.length) return { points, held: [] };
+  const was = new Set(findConflicts(before, parts, strength).map(({ point }) => point.id));
+  const conflicts = (given: Point[]) => findConflicts(given, parts, strength).filter(({ point }) => !was.has(point.id));
+  const held = conflicts(points);
+  if (!held.length) return { points, held };
+  const then = new Map(points.map((p) => [p.id, p]));
+  const between = (t: number) =>
+    before.map((p) => {
+      const { source, target } = then.get(p.id) ?? p;
+      return { ...p, source: placeBetween(p.source, source, t), target: placeBetween(p.target, target, t) };
+    });
+  let low = 0,
+    high = 1;
+  for (let turn = 0; turn < 10; turn++) {
+    const middle = (low + high) / 2;
+    if (conflicts(between(middle)).length) high = middle;
+    else low = middle;
+  }
+  return { points: between(low), held };
+}
+
+/** Dependencies of drags on the editor. */
+export type DragEditor = EditorParts<
+  "model" | "sender" | "frames" | "messages" | "viewport" | "points" | "map",
+  "foldStop" | "points",
+  "handles" | "nodes"
+>;
+
+export class PointDrag implements PointDragger {
+  /** The points before a drag, null while there is none. */
+  drag0: Point[] | null = null;
+  isLive = false; // whether moving points have not been sent yet
+  isSent = false; // whether points of this drag have been sent
+
+  constructor(readonly editor: DragEditor) {
+    editor.points.draggers.push(this);
+  }
+
+  /** Begin a drag of these points, which may have one more than the editor. */
+  beginDrag(points: Point[] = this.editor.points.list) {
+    const { editor } = this;
+    if (editor.points.isLocked) return false;
+    editor.points.list = points;
+    Object.assign(this, { drag0: points, isSent: false });
+    editor.tools.foldStop.begin();
+    return true;
+  }
+
+  /**
+   * Move points by CSS pixels since the drag began.
+   * @param id the point under the pointer
+   * @param isLoose whether that one need not keep to the grid
+   */
+  drag(ids: number[], by: Vector2, what: Moved, id: number, isLoose: boolean = false) {
+    const { editor, drag0 } = this;
+    if (!drag0) return;
+    const free = freeIds(drag0, includeRims(drag0, ids));
+    if (!free.length) {
+      editor.tools.points.hintLocked([id]);
+      return;
+    }
+    const f = (what === "target" ? editor.layers.nodes.pull : 1) / editor.viewport.view.k;
+    const way = this.#snapMove(id, [f * by[0], f * by[1]], what, isLoose),
+      { mirror } = editor.tools.points,
+      lead = mirror.sideOf(id);
+    this.show((before, t) => mirror.edit(before, translatePoints(before, free, t * way[0]!, t * way[1]!, what), lead));
+  }
+
+  /**
+   * Show moving points, `make(before, 1)` of them, or as far as parts and folds let them go; with 0 it is the start.
+   */
+  show(make: (before: Point[], share: number) => Point[]) {
+    const { drag0, editor } = this,
+      shapes = editor.points.shapes;
+    if (!drag0) return;
+    const { points: wanted } = editor.tools.foldStop.limit((share) => ({ points: make(drag0, share), shapes }));
+    const { points, held } = limitMove(drag0, wanted, editor.points.shapes.parts, editor.map.strength);
+    editor.layers.handles.lock(held.map(({ point }) => point.id));
+    if (held.length) this.hintConflict(held[0]!);
+    editor.frames.rate.recordMove(performance.now());
+    this.follow(points);
+  }
+
+  follow(points: Point[]) {
+    this.editor.points.list = points;
+    this.editor.map.invalidate(true);
+    this.isLive = true;
+  }
+
+  /** Send the moving points, if Python follows the drag. */
+  sendMove() {
+    const { editor } = this;
+    if (this.drag0 && this.isLive && editor.model.get("live")) {
+      editor.sender.move(editor.points.list);
+      this.isSent = true;
+    }
+    this.isLive = false;
+  }
+
+  hintConflict({ point, part }: Held) {
+    const why = part.motion ? "has its own motion" : "is fixed";
+    this.editor.messages.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
+  }
+
+  /** Returns whether the drag was an edit. */
+  endDrag(isCancelled: boolean, kind: PointsEdit["kind"] = "move") {
+    const { editor, drag0 } = this,
+      points = editor.points.list;
+    this.drag0 = null;
+    editor.sender.drawn = editor.frames.rate.finish();
+    editor.layers.handles.lock([]);
+    if (!drag0) return false;
+    editor.points.list = drag0;
+    if (!isCancelled && editor.tools.points.edit(points, kind)) return true;
+    editor.points.list = editor.sender.points; // Python may have moved them meanwhile
+    editor.map.invalidate();
+    if (this.isSent) editor.sender.move(editor.points.list); // Python has followed the drag, which is void now
+    return false;
+  }
+
+  /** The displacement that brings the point under the pointer onto a node; the others follow it. */
+  #snapMove(id: number, way: Vector2, what: Moved, isLoose: boolean) {
+    const p = this.drag0?.find((q) => q.id === id),
+      { snap } = this.editor.tools.points;
+    if (!p || isLoose || what === "both" || !(snap.step > 0)) return way;
+    const [a, b] = p[what] as Vector2,
+      to = snap.placeOf([a + way[0], b + way[1]]);
+    return [to[0] - a, to[1] - b];
+  }
+}
