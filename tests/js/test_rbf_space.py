@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from js.test_rbf import CLOSE, PAIRS, as_json, fitted_alike, with_choice, with_radii
+from js.test_rbf import CLOSE, PAIRS, as_json, fit_in_python, with_choice, with_radii
 from scripts import run_script
 
 from deformnb.rbf.kernels import KERNELS
@@ -113,7 +113,7 @@ def answers() -> dict[str, dict[str, Any]]:
 def test_the_browser_fits_points_in_space_as_the_package_does(name: str) -> None:
     points, settings = cases()[name]
     answer = answers()[name]
-    fit = fitted_alike(answer, points, settings)
+    fit = fit_in_python(answer, points, settings)
     if fit is None:
         return
     index = np.moveaxis(np.indices(LATTICE.shape)[::-1], 0, -1)
