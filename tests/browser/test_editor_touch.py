@@ -279,11 +279,11 @@ def test_in_space_fingers_scroll_tap_and_select(page: LivePage) -> None:
     page.page.keyboard.press("b")
     for k in (0, 2):
         fingers.tap(space.to_screen(0, start.target[k]))
-    assert space.js(f"[...{SPACE}.selected]") == [0, 2]
+    assert space.js(f"[...{SPACE}.parts.points.selected]") == [0, 2]
     stage = page.page.locator(".dnb-sp-stage").first.bounding_box()
     fingers.drag((stage["x"] + 4, stage["y"] + 4), (stage["width"] - 8, stage["height"] - 8))
-    assert sorted(space.js(f"[...{SPACE}.selected]")) == [0, 1, 2]
+    assert sorted(space.js(f"[...{SPACE}.parts.points.selected]")) == [0, 1, 2]
     page.page.keyboard.press("Escape")
     space.wait_settled()
-    assert space.js(f"[{SPACE}.isSelecting, {SPACE}.selected.size]") == [False, 3]
+    assert space.js(f"[{SPACE}.parts.modes.isSelecting, {SPACE}.parts.points.selected.size]") == [False, 3]
     space.editor.close()

@@ -288,7 +288,7 @@ def test_many_points_off_the_slice_keep_their_distances_to_themselves(open_edito
     assert not label.is_visible()
     here.page.page.locator(".dnb-sp-pane0 .dnb-sp-far[data-id]").first.focus()
     here.page.page.keyboard.press("Enter")
-    here.page.wait(f"{PAGE}.selected.size === 1 && !{PAGE}.frames.request")
+    here.page.wait(f"{PAGE}.parts.points.selected.size === 1 && !{PAGE}.frames.request")
     assert here.page.page.locator(".dnb-sp-pane0 .dnb-ed-selected .dnb-ed-name").is_visible()
 
 
