@@ -10,12 +10,6 @@ const MOST_METHODS = 30,
   MOST_ATTRIBUTES = 15,
   MOST_NAMES = 12; // that a part uses of the editor
 
-// What is larger: these figures only fall.
-const LARGE_INTERFACES = {
-  KeysEditor: 17,
-  PointerEditor: 18,
-};
-
 function* nodesOf(node) {
   yield node;
   const children = [];
@@ -84,7 +78,7 @@ function frontEnd() {
   return { classes, interfaces };
 }
 
-/** Sentences about what is too large, and about rows of the tables above that are larger than needed. */
+/** Sentences about what is too large. */
 function* faults({ classes, interfaces }) {
   const byName = new Map(Object.entries(classes).map(([name, found]) => [name.split(":")[1], found]));
   for (const [name, { methods, attributes, given, forwards }] of Object.entries(classes)) {
@@ -97,11 +91,8 @@ function* faults({ classes, interfaces }) {
       yield `${name} is given its owner ${owner}: give it an interface of what it uses`;
   }
   for (const [name, count] of Object.entries(interfaces)) {
-    const most = LARGE_INTERFACES[name] ?? MOST_NAMES;
-    if (count > most) yield `${name} names ${count} parts, at most ${most}: divide it`;
+    if (count > MOST_NAMES) yield `${name} names ${count} parts, at most ${MOST_NAMES}: divide it`;
   }
-  for (const name of Object.keys(LARGE_INTERFACES))
-    if (!(interfaces[name] > MOST_NAMES)) yield `${name} needs no row in LARGE_INTERFACES any more`;
 }
 
 const found = frontEnd();

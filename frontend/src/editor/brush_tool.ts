@@ -47,12 +47,16 @@ export class Brush {
       const [least, most] = this.#limits;
       this.setRadius(least * (most / least) ** (value / 100));
     });
-    this.slider.addEventListener("change", () => editor.frames.guard(() => editor.stage.focus()));
-    this.value = this.bar.text("dnb-ed-brush-value");
-    this.bar.button("Done", "put the brush away", () => {
+    const end = () => {
       this.stop();
       editor.stage.focus();
+    };
+    this.slider.addEventListener("change", () => editor.frames.guard(() => editor.stage.focus()));
+    this.slider.addEventListener("keydown", ({ key }) => {
+      if (key === "Escape") editor.frames.guard(end);
     });
+    this.value = this.bar.text("dnb-ed-brush-value");
+    this.bar.button("Done", "put the brush away", end);
   }
 
   get isOn() {
@@ -123,6 +127,14 @@ export class Brush {
     this.at = at;
     this.isByKeys = false;
     this.editor.frames.invalidate();
+  }
+
+  leave() {
+    if (!this.isByKeys) this.hover(null);
+  }
+
+  ignores(_isOthers: boolean, mark: string | null) {
+    return mark === "axis";
   }
 
   grab(at: Vector2, isFinger: boolean) {

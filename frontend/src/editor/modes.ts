@@ -12,8 +12,12 @@ interface HeldTool {
   stop(): boolean;
   /** The gesture that a press begins, or null. */
   grab(at: Vector2, isFinger: boolean): Gesture | null;
+  /** Whether a press is not for it: one that belongs to the host page, or on a mark. */
+  ignores?(isOthers: boolean, mark: string | null): boolean;
   /** Follow a pointer that is not down. */
   hover?(at: Vector2): void;
+  /** The pointer has left the picture. */
+  leave?(): void;
   /** Handle a key; returns whether the tool uses it. */
   key(key: string, event: KeyboardEvent, arrow?: Vector2): boolean;
 }

@@ -6,6 +6,7 @@ import type { HelpPanel } from "../ui/keys.ts";
 import type { Toolbar } from "../ui/toolbar.ts";
 import type { EditorTheme } from "./base.ts";
 import type { Brush } from "./brush_tool.ts";
+import type { Clicks } from "./clicks.ts";
 import type { ColourBar } from "./colour_bar.ts";
 import type { Commands } from "./commands.ts";
 import type { CutBar } from "./cut_bar.ts";
@@ -18,16 +19,20 @@ import type { GridLayer } from "./grid_layer.ts";
 import type { GridNodes } from "./grid_nodes.ts";
 import type { Handles, ToolMarks } from "./handles.ts";
 import type { HitTest } from "./hit_test.ts";
+import type { MarkGrips } from "./mark_grips.ts";
 import type { Messages } from "./messages.ts";
 import type { Modes } from "./modes.ts";
 import type { NamePrompt } from "./name_prompt.ts";
 import type { Ghost, Overlay } from "./overlays.ts";
 import type { PartTools } from "./part_tools.ts";
 import type { PointDrag } from "./point_drag.ts";
+import type { PointKeys } from "./point_keys.ts";
 import type { PointStrokes } from "./point_strokes.ts";
 import type { PointTools } from "./point_tools.ts";
 import type { PointTurns } from "./point_turns.ts";
 import type { Gestures } from "./pointer.ts";
+import type { Presses } from "./presses.ts";
+import type { ShapeKeys } from "./shape_keys.ts";
 import type { Pen, ShapeTools } from "./shape_tools.ts";
 import type { ShownPicture } from "./shown_picture.ts";
 import type { Stage } from "./stage.ts";
@@ -52,9 +57,14 @@ export interface Tools {
   wand: Wand;
   window: WindowTool;
   hits: HitTest;
+  grips: MarkGrips;
+  clicks: Clicks;
+  presses: Presses;
   gestures: Gestures;
   wheel: Wheel;
   keys: EditorKeys;
+  shapeKeys: ShapeKeys;
+  pointKeys: PointKeys;
 }
 
 /** Layers over the picture. */

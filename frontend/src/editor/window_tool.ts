@@ -149,6 +149,10 @@ export class WindowTool {
 
   // ---- drags and keys -----------------------------------------------------------------------------------------------
 
+  ignores(isOthers: boolean) {
+    return isOthers;
+  }
+
   grab(at: Vector2) {
     return new WindowGesture(at, this, null);
   }
