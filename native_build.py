@@ -92,7 +92,9 @@ def build() -> None:
 
         def compile_level(name: str) -> str:
             target = str(Path(folder) / f"{name}.o")
-            march = levels[name].replace("-v", "_v").replace("x86-64", "x86_64") if "ziglang" in compiler else levels[name]
+            march = (
+                levels[name].replace("-v", "_v").replace("x86-64", "x86_64") if "ziglang" in compiler else levels[name]
+            )
             option = [] if not march else [f"-mcpu={march}" if "ziglang" in compiler else f"-march={march}"]
             _run(*compiler, *FLAGS, *option, f"-DLEVEL=_{name}", "-c", str(SOURCES / "voxel_warp.c"), "-o", target)
             return target
@@ -117,7 +119,7 @@ def main() -> None:
     try:
         build()
     except CompilerError as error:
-        print(f"native_build: {error}", file=sys.stderr)
+        sys.stderr.write(f"native_build: {error}\n")
         sys.exit(error.status)
 
 

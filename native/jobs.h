@@ -209,7 +209,7 @@ static int NAME(general)(const Source *source, const Field *field, const Target 
     return 0;
 }
 
-static int NAME(listed)(const Source *source, const Voxels *voxels) {
+static int NAME(listed)(const Source *source, const VoxelList *voxels) {
     const int size = VOXEL_SIZES[source->voxel_type];
     NAME(Tables) tables;
     if (NAME(make_tables)(source, &tables)) return 1;

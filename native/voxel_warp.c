@@ -162,7 +162,7 @@ static int general(const Source *source, const Field *field, const Target *targe
 #undef CALL
 }
 
-static int listed(const Source *source, const Voxels *voxels) {
+static int listed(const Source *source, const VoxelList *voxels) {
 #define CALL(KIND) PASTE(listed, KIND)(source, voxels)
     return CHOOSE(CALL);
 #undef CALL

@@ -62,12 +62,12 @@ typedef struct {
     const float *d; /* [x, y, z][n] */
     void *values; /* [n] */
     int64_t count;
-} Voxels;
+} VoxelList;
 
 /* All return 0, or 1 where there is no memory. */
 typedef struct {
     int (*general)(const Source *, const Field *, const Target *);
-    int (*listed)(const Source *, const Voxels *);
+    int (*listed)(const Source *, const VoxelList *);
     int (*slices)(const Source *, const PlaneField *, const Target *);
     int (*rows)(const Source *, const PlaneField *, const Target *);
 } Loops;

@@ -70,6 +70,7 @@ def doctor() -> list[Check]:
     checks += [
         _safe_check("computing (JAX)", check_jax),
         _safe_check("devices", _devices),
+        _safe_check("compiled loops", check_loops),
         _safe_check("compilation cache", check_cache),
         _safe_check("OpenGL (VTK)", check_gl),
     ]
@@ -144,6 +145,19 @@ def _devices() -> Check:
     if lacks_plugin():
         return Check("devices", False, f"{found}; an NVIDIA GPU is there, but JAX has no CUDA plugin", INSTALL)
     return Check("devices", True, found)
+
+
+def check_loops() -> Check:
+    """Check for compiled loops over voxels, and which of them this processor can run."""
+    from deformnb.native import library
+
+    level = library.level()
+    if level == "off":
+        found = f"none, so JAX reads the voxels: {library.why_absent()}"
+        return Check(
+            "compiled loops", False, found, "install a wheel of this platform, or a C compiler before building"
+        )
+    return Check("compiled loops", True, f"level {level} of {', '.join(library.levels())}")
 
 
 def check_cache() -> Check:

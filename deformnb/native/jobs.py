@@ -66,7 +66,7 @@ class PlaneField(ctypes.Structure):
     ]
 
 
-class Voxels(ctypes.Structure):
+class VoxelList(ctypes.Structure):
     """Single voxels with their displacements."""
 
     _fields_: ClassVar = [("voxels", _Address), ("d", _Address), ("values", _Address), ("count", _Int)]

@@ -44,7 +44,7 @@ def use_level(name: str | None) -> str | None:
     >>> use_level(before)
     'off'
     """
-    global _chosen  # noqa: PLW0603
+    global _chosen
     if name not in (None, "off", *levels()):
         raise ValueError(f"there are no loops of level {name!r} here; choose one of {', '.join(('off', *levels()))}.")
     before, _chosen = _chosen, name
@@ -86,7 +86,9 @@ def why_absent() -> str:
 
 @cache
 def _loops(name: str) -> Loops:
-    return Loops.in_dll(_library(), f"deformnb_loops_{name}")
+    library = _library()
+    assert library is not None
+    return Loops.in_dll(library, f"deformnb_loops_{name}")
 
 
 def _has_level(library: ctypes.CDLL, name: str) -> bool:

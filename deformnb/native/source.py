@@ -1,7 +1,7 @@
 """Voxels that the compiled loops read, and the calls of these loops with arrays of NumPy.
 
-Shapes, types and strides are checked here, once for each call; the loops themselves lead any place, also one that is not
-a number, to some voxel or outside.
+Shapes, types and strides are checked here, once for each call; the loops themselves lead any place, also one that is
+no number, to some voxel or outside.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ class VoxelSource:
     fill : the voxel of places outside.
     whole, part : the place of output voxel (k, j, i) along input axis a is ``sum over o of whole[o][a, index o] +
         part[o][a, index o]``; whole numbers and the rest.
+    matrix : 3 x 3, from displacements (x, y, z) to input voxels (z, y, x).
     is_near : places and the input are so small that float32 tells neighbouring voxels apart.
     is_straight : each input axis depends on the output axis and the component of its own name only.
     """
@@ -49,6 +50,7 @@ class VoxelSource:
         fill: Any,
         whole: Tables,
         part: Tables,
+        matrix: NDArray[Any],
         *,
         is_near: bool,
         is_straight: bool,
@@ -56,7 +58,8 @@ class VoxelSource:
         wide = dtype.name in _WIDE
         kind = dtype if method != "cubic" else np.dtype(np.float64 if wide else np.float32)
         if samples.dtype != kind or samples.ndim != 3 or not samples.size:
-            raise ValueError(f"{method} of {dtype} needs samples [z, y, x] of {kind}, not {samples.dtype}{samples.shape}.")
+            given = f"{samples.dtype}{samples.shape}"
+            raise ValueError(f"{method} of {dtype} needs samples [z, y, x] of {kind}, not {given}.")
         self.dtype = dtype
         self.shape = samples.shape
         self._loops = loops
@@ -78,6 +81,7 @@ class VoxelSource:
             whole=tuple(t.ctypes.data for t in tables[0]),
             part=tuple(t.ctypes.data for t in tables[1]),
             count=self.output,
+            matrix=_numbers(matrix),
         )
 
     def read_box(
@@ -85,7 +89,6 @@ class VoxelSource:
         out: NDArray[Any],
         start: tuple[int, int, int],
         d: Sequence[NDArray[np.float32]],
-        matrix: NDArray[Any],
         nodes: Nodes | None = None,
     ) -> None:
         """Fill a box of the output under displacements in space.
@@ -94,43 +97,43 @@ class VoxelSource:
         ----------
         out : the box [z, y, x] within an array whose columns are contiguous.
         start : the first voxel of the box.
-        d : displacements along x, y, z, arrays of one layout: at all voxels of the box, or at nodes (z, y, x of the box).
-        matrix : 3 x 3, from displacements (x, y, z) to input voxels (z, y, x).
+        d : displacements along x, y, z, at all voxels of the box, or at nodes (nodes z, nodes y, x).
         nodes : the nodes that planes and rows of the box read.
         """
         target = self._target(out, start)
         field = jobs.Field()
-        shape, strides = d[0].shape, d[0].strides
-        for c in range(3):
-            if d[c].dtype != np.float32 or d[c].shape != shape or d[c].strides != strides:
-                raise ValueError("displacements are three arrays of float32 of one layout.")
-            field.d[c] = d[c].ctypes.data
+        moves = _match_layouts(d, has_rows=nodes is not None)
+        shape, strides = moves[0].shape, moves[0].strides
+        field.d[:] = [component.ctypes.data for component in moves]
+        kept: list[NDArray[Any]] = []  # as long as the loops read them
         if nodes is None:
             if shape != out.shape:
                 raise ValueError(f"displacements {shape} are not those of a box {out.shape}.")
         else:
-            if shape[2] != out.shape[2] or strides[2] != 4:
-                raise ValueError("nodes have columns as the box, one after the other.")
+            if shape[2] != out.shape[2]:
+                raise ValueError(f"nodes {shape} have other columns than a box {out.shape}.")
             field.nodes_y = shape[1]
-            for axis, (first, weights) in enumerate(nodes):
+            for axis, tables in enumerate(nodes):
                 n = out.shape[axis]
-                first, weights = np.require(first, np.int32, ("C",)), np.require(weights, np.float32, ("C",))
+                first, weights = (
+                    np.require(t, kind, ("C",)) for t, kind in zip(tables, (np.int32, np.float32), strict=True)
+                )
+                kept += first, weights
                 if first.shape != (n,) or weights.shape[1:] != (n,) or not 1 <= len(weights) <= shape[axis]:
                     raise ValueError(f"the box has {n} voxels along axis {axis}, and the tables of nodes have others.")
                 if first.min() < 0 or first.max() + len(weights) > shape[axis]:
                     raise ValueError(f"nodes beyond the {shape[axis]} along axis {axis} would be read.")
                 field.first[axis], field.weights[axis] = first.ctypes.data, weights.ctypes.data
                 field.taps[axis] = len(weights)
-        if any(stride % 4 or stride < 0 for stride in strides):
-            raise ValueError("the strides of displacements are whole numbers of values.")
         field.stride[:] = [stride // 4 for stride in strides]
-        self._job.matrix[:] = np.asarray(matrix, np.float64).ravel().tolist()
         self._run("general", field, target)
 
     def read_voxels(
-        self, voxels: Sequence[NDArray[np.int32]], d: Sequence[NDArray[np.float32]], matrix: NDArray[Any]
+        self, voxels: Sequence[NDArray[np.int32]], d: Sequence[NDArray[np.float32]], matrix: NDArray[Any] | None = None
     ) -> NDArray[Any]:
-        """Single voxels (n,) of the output, at indices z, y, x, under displacements x, y, z."""
+        """Single voxels (n,) of the output, at indices z, y, x, under displacements (3, n) that ``matrix`` leads to
+        input voxels (z, y, x); default is that of the source.
+        """
         index = np.ascontiguousarray(np.stack(voxels), dtype=np.int32)
         moves = np.ascontiguousarray(np.stack(d), dtype=np.float32)
         if index.shape != moves.shape or index.ndim != 2:
@@ -138,11 +141,12 @@ class VoxelSource:
         if index.size and ((index < 0) | (index >= np.array(self.output)[:, None])).any():
             raise ValueError("there are no such voxels in the output.")
         values = np.empty(index.shape[1], self.dtype)
-        self._job.matrix[:] = np.asarray(matrix, np.float64).ravel().tolist()
-        self._run(
-            "listed",
-            jobs.Voxels(index.ctypes.data, moves.ctypes.data, values.ctypes.data, values.size),
-        )
+        own = self._job
+        if matrix is not None:
+            own = jobs.Source.from_buffer_copy(self._job)
+            own.matrix, own.is_straight = _numbers(matrix), False
+        job = jobs.VoxelList(index.ctypes.data, moves.ctypes.data, values.ctypes.data, values.size)
+        self._run("listed", job, own=own)
         return values
 
     def read_slices(
@@ -173,9 +177,11 @@ class VoxelSource:
             raise ValueError(f"maps {maps.shape} are not those of slices {across}.")
         if not 0 <= first <= self.shape[normal] - self.output[normal]:
             raise ValueError(f"the input has no {self.output[normal]} slices from {first} on.")
+        is_row = weights is None and self._job.method != jobs.METHODS.index("cubic")
         if weights is None:
             if len(maps) != 1:
                 raise ValueError(f"{len(maps)} maps need weights.")
+            weights = None if is_row else np.ones((1, self.output[normal]), np.float32)
         else:
             weights = np.require(weights, np.float32, ("C", "A"))
             if weights.shape != (len(maps), self.output[normal]):
@@ -187,20 +193,38 @@ class VoxelSource:
             shape=across,
             normal=normal,
             first=first,
-            matrix=tuple(np.asarray(matrix, np.float64).ravel().tolist()),
+            matrix=_numbers(matrix),
         )
-        is_row = weights is None and self._job.method != jobs.METHODS.index("cubic")
         self._run("rows" if is_row else "slices", field, target)
 
     def _target(self, out: NDArray[Any], start: tuple[int, int, int]) -> jobs.Target:
+        if out.ndim != 3:
+            raise ValueError("a box has three axes.")
         z, y, x = out.strides
-        if out.dtype != self.dtype or out.ndim != 3 or not out.flags.writeable or x != out.itemsize:
+        is_row = x == out.itemsize or out.shape[2] == 1
+        if out.dtype != self.dtype or not out.flags.writeable or not is_row:
             raise ValueError(f"the result is an array [z, y, x] of {self.dtype} with contiguous columns.")
         stop = tuple(a + n for a, n in zip(start, out.shape, strict=True))
         if min(start) < 0 or any(end > n for end, n in zip(stop, self.output, strict=True)):
             raise ValueError(f"a box from {start} to {stop} is not within an output {self.output}.")
-        return jobs.Target(out.ctypes.data, (z // x, y // x), start, stop)
+        return jobs.Target(out.ctypes.data, (z // out.itemsize, y // out.itemsize), start, stop)
 
-    def _run(self, name: str, *job: ctypes.Structure) -> None:
-        if getattr(self._loops, name)(ctypes.byref(self._job), *map(ctypes.byref, job)):
+    def _run(self, name: str, *job: ctypes.Structure, own: jobs.Source | None = None) -> None:
+        if getattr(self._loops, name)(*map(ctypes.byref, (own or self._job, *job))):
             raise MemoryError
+
+
+def _match_layouts(d: Sequence[NDArray[Any]], *, has_rows: bool) -> list[NDArray[np.float32]]:
+    """Three arrays (z, y, x) with the same steps in memory, and those of rows next to each other if asked for."""
+    moves = [np.require(component, np.float32, ("A",)) for component in d]
+    if len(moves) != 3 or moves[0].ndim != 3 or any(component.shape != moves[0].shape for component in moves):
+        raise ValueError("displacements are three arrays [z, y, x] of one shape.")
+    steps = moves[0].strides
+    is_usable = all(component.strides == steps for component in moves) and not any(s % 4 or s < 0 for s in steps)
+    if not is_usable or (has_rows and steps[2] != 4):
+        return [np.ascontiguousarray(component) for component in moves]
+    return moves
+
+
+def _numbers(matrix: NDArray[Any]) -> tuple[float, ...]:
+    return tuple(np.asarray(matrix, np.float64).ravel().tolist())

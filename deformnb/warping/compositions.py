@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 from deformnb._typing import Floats, Progress
 from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import AbstractField, Identity, grid_lines, links_of
-from deformnb.volume.sampling import to_device
 from deformnb.volume.volume import Grid
 from deformnb.warping import border_cells, planning
 from deformnb.warping.border_cells import Regional
@@ -241,8 +240,7 @@ class NodeTable:
             first = min(part.start // h, present - count)
             tables.append(((n // h - first).astype(np.int32), np.stack(lagrange(n % h / h)).astype(np.float32)))
             some.append(slice(first, first + count))
-        nodes = to_device(lattice.nodes[:, *some])
-        d = planning.interpolate_x(nodes, _weights(self._grid.shape[2], h))
+        d = planning.interpolate_x(lattice.nodes[:, *some], _weights(self._grid.shape[2], h))
         return Displacements(d, tuple(tables), exact=chain(*exact))
 
 

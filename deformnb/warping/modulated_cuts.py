@@ -25,6 +25,7 @@ from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, raster_lines
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
+from deformnb.warping.compositions import Replacement
 from deformnb.warping.planning import Extruded, check_finite, parts, shared_axis, to_voxels
 
 # Pixels that are computed together, and slices at most: few pixels are filled up for nothing, many cost fewer calls.
@@ -80,7 +81,28 @@ class CutPlan:
             for first in range(0, last + 1, _TOGETHER)
         ]
 
-    def displacement_and_opacity(self, depth: slice, some: NDArray[np.intp]) -> tuple[Any, NDArray[np.float32]]:
+    @property
+    def matrix(self) -> NDArray[Any]:
+        """3 x 3, from displacements (u, v, 0) to input voxels (z, y, x), of which none moves along the normal."""
+        matrix = np.zeros((3, 3), self.apart.matrix.dtype)
+        matrix[:, :2] = self.apart.matrix
+        matrix[self.apart.normal] = 0
+        return matrix
+
+    def replacement(self, depth: slice, some: NDArray[np.intp]) -> Replacement:
+        """The voxels of one of the parts, their displacements along u and v, and their opacity."""
+        d, opacity = self._evaluate(depth, some)
+        row, column = self.pixels[:, some].astype(np.int32)
+        voxels = [row, column]
+        voxels.insert(self.apart.normal, np.arange(depth.start, depth.stop, dtype=np.int32)[:, None])
+        index = np.broadcast_arrays(*voxels)
+        moves = np.moveaxis(np.asarray(d), self.apart.normal + 1, 1)[:, :, 0]
+        u, v = moves.reshape(2, -1)
+        share = np.moveaxis(opacity, self.apart.normal, 0)[:, 0]
+        z, y, x = (i.ravel() for i in index)
+        return Replacement((z, y, x), (u, v, np.zeros_like(u)), share.ravel())
+
+    def _evaluate(self, depth: slice, some: NDArray[np.intp]) -> tuple[Any, NDArray[np.float32]]:
         """Displacements along u and v (2, z, y, x) and opacity [z, y, x] of one of the parts.
 
         Of the two axes across the normal the first has extent 1, and the second is that of the pixels.
@@ -88,7 +110,7 @@ class CutPlan:
         normal, weights = self.apart.normal, self.apart.weights
         assert weights is not None
         maps, here, places = (a[..., None, some] for a in (self.maps, self.here, self.places))
-        d, opacity = _evaluate(
+        d, opacity = _displace(
             maps,
             weights[:, depth],
             here,
@@ -282,7 +304,7 @@ def _cell(place: Any, count: int) -> tuple[Any, Any]:
 
 
 @partial(jit, on_one_thread=True, static_argnames=("sides", "rule", "normal"))
-def _evaluate(
+def _displace(
     maps: Any,
     weights: Any,
     here: Any,

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import ceil
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,13 @@ from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, DisplacementField, grid_lines, raster_lines
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.plane import Plane, Raster
-from deformnb.volume.sampling import METHODS, NEAR, share_with_jax, to_device
+from deformnb.volume.sampling import METHODS, NEAR
 from deformnb.volume.volume import Grid
 
 _Part = TypeVar("_Part")
+
+BlockSlices: TypeAlias = tuple[slice, slice]
+"""Planes and rows of an output."""
 
 # Fractions of a voxel that float32 cannot distinguish from a whole number; geometry computed in two ways differs by
 # 1e-13.
@@ -49,10 +52,6 @@ _FAR = 2**29
 BLOCK_VOXELS = 2**20
 """Output voxels computed at once: 16 parts of a volume of 256^3. Their displacements take 12 MiB, which stays in the
 cache; memory above 32 MiB would be given back to the system after every part, which costs as much as the warp."""
-
-CHUNK_BYTES = 2**24
-"""Bytes of the result that are made at once where whole rows move: 256^3 bytes in one piece, which XLA shares out to
-the processors by itself. Beyond 32 MiB fresh memory for every edit would cost more than the edit."""
 
 _MORE_BETWEEN_NODES = 4
 """Factor of the voxels computed at once between nodes that many voxels apart: blocks of 64 planes of 256^3
@@ -108,22 +107,17 @@ class Places:
     part: tuple[NDArray[np.floating[Any]], ...]
     matrix: NDArray[np.floating[Any]]
 
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of voxels of the output in space along each axis."""
+        z, y, x = (table.shape[1] for table in self.whole)
+        return z, y, x
+
     def block(self, slices: Sequence[slice]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """``whole`` and ``part`` of a block; axes without a slice are whole, slices may end beyond the last voxel."""
         every = (*slices, *[slice(None)] * (len(self.whole) - len(slices)))
         whole = tuple(_cut_table(table, s) for table, s in zip(self.whole, every, strict=True))
         return whole, tuple(_cut_table(table, s) for table, s in zip(self.part, every, strict=True))
-
-    def select(self, normal: int, depth: slice, pixels: NDArray[np.intp]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """``whole`` and ``part`` of pixels (2, n), which run along the last of the two axes across ``normal``."""
-
-        def take(tables: tuple[NDArray[Any], ...]) -> tuple[NDArray[Any], ...]:
-            a, b = (tables[o] for o in range(3) if o != normal)
-            found = [np.zeros((3, 1), a.dtype), a[:, pixels[0]] + b[:, pixels[1]]]
-            found.insert(normal, tables[normal][:, depth])
-            return tuple(found)
-
-        return take(self.whole), take(self.part)
 
     def is_near(self, shape: Sequence[int]) -> bool:
         """Check whether all places, and an input of this shape, are within :data:`NEAR` voxels of the first one."""
@@ -136,9 +130,16 @@ class Places:
         others = self.matrix[:, ::-1][~np.eye(len(self.matrix), dtype=np.bool_)]
         return _is_parallel(self) and not others.any()
 
-    def along(self, axes: list[int], matrix: NDArray[Any]) -> Places:
-        """The same for some array axes only, with the rows of another matrix."""
-        return Places(tuple(self.whole[o][axes] for o in axes), tuple(self.part[o][axes] for o in axes), matrix[axes])
+    def with_slices(self) -> Places:
+        """Places of pixels as those of a volume of one slice."""
+        none = tuple(np.zeros((3, 1), tables[0].dtype) for tables in (self.whole, self.part))
+        whole, part = (
+            (zero, *(np.concatenate([zero[:1].repeat(table.shape[1], 1), table]) for table in tables))
+            for zero, tables in zip(none, (self.whole, self.part), strict=True)
+        )
+        matrix = np.zeros((3, 3), self.matrix.dtype)
+        matrix[1:, :2] = self.matrix
+        return Places(whole, part, matrix)
 
 
 def _cut_table(table: NDArray[Any], part: slice) -> NDArray[Any]:
@@ -307,6 +308,16 @@ Tables = tuple[tuple[NDArray[np.int32], NDArray[np.float32]], ...]
 """Along z and y: the first node that each voxel reads (n,), and the weights (T, n) of T nodes from there."""
 
 
+def step_tables(block: BlockSlices, step: int) -> Tables:
+    """Tables of a block whose nodes are every ``step``-th plane and row of it."""
+    tables = []
+    for part in block:
+        low, rest = np.divmod(np.arange(part.stop - part.start), step)
+        t = (rest / step).astype(np.float32)
+        tables.append((low.astype(np.int32), np.stack([1 - t, t])))
+    return tuple(tables)
+
+
 def interpolation_tables(field: AbstractField, grid: Grid) -> tuple[tuple[Any, ...], Tables] | None:
     """A field stored on a coarser grid with parallel axes, interpolated along x; None if it is no such field.
 
@@ -334,7 +345,7 @@ def interpolation_tables(field: AbstractField, grid: Grid) -> tuple[tuple[Any, .
     some = np.moveaxis(np.asarray(field.values[tuple(parts)], dtype=np.float32), -1, 0)
     before, (left, right) = tables.pop()
     d = check_finite(left * some[..., before] + right * some[..., before + 1])
-    return tuple(to_device(component) for component in d), tuple(tables)
+    return tuple(d), tuple(tables)
 
 
 def _is_parallel(at: Places) -> bool:
@@ -351,19 +362,19 @@ def _cells(at: Places, axis: int, count: int) -> tuple[NDArray[np.int64], NDArra
 
 
 def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
-    """The field on a lattice: (nz, ny, nx, 3), or components x, y, z as three arrays on JAX's side.
+    """The field on a lattice: components x, y, z as three arrays (z, y, x), of NumPy or of JAX.
 
     A field that is evaluated is evaluated at every ``step``-th node along x only, and interpolated linearly in between.
     """
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
         d = _resample(np.asarray(field.values), places(field.lattice, grid, "float64"))
         if d is not None:
-            return share_with_jax(check_finite(d))
+            return tuple(np.moveaxis(check_finite(d), -1, 0))
     if step > 1 and grid.shape[2] > step:
         return _coarse_along_x(field, grid, step)
     with devices.device_context():  # else JAX would move operations on the result to the device that it prefers
         stays = _device_components(field, grid)
-        return tuple(to_device(d) for d in check_finite(field.components_on_grid(grid))) if stays is None else stays
+        return tuple(check_finite(field.components_on_grid(grid))) if stays is None else stays
 
 
 def _device_components(field: AbstractField, on: Grid | Raster) -> tuple[Any, ...] | None:
@@ -410,7 +421,7 @@ def displacements_and_opacity(
         return displacements(field, grid, step), None
     d, opacity = field.lattice_values_and_opacity(*grid_lines(grid), min(grid.spacing))
     d = check_finite(d).reshape(3, *grid.shape)
-    return tuple(to_device(part) for part in d), None if opacity is None else opacity.reshape(grid.shape)
+    return tuple(d), None if opacity is None else opacity.reshape(grid.shape)
 
 
 def raster_with_opacity(field: AbstractField, raster: Raster) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
@@ -485,11 +496,6 @@ def square_blocks(shape: tuple[int, int, int]) -> list[tuple[slice, slice]]:
     rows = _length(ny, max(side, BLOCK_VOXELS // (nx * nz)), 1)
     planes = _length(nz, max(1, BLOCK_VOXELS // (nx * rows)), 1)
     return [(slice(z, z + planes), slice(y, y + rows)) for z in _starts(nz, planes, 1) for y in _starts(ny, rows, 1)]
-
-
-def chunks(count: int, size: int) -> list[slice]:
-    """Parts of ``count`` rows of ``size`` bytes each, all of one length; the last one overlaps."""
-    return parts(count, batch_size(CHUNK_BYTES) // max(1, size))
 
 
 def parts(count: int, most: int) -> list[slice]:

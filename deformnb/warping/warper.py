@@ -18,8 +18,6 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb import devices
-from deformnb._jax import as_numpy, jax, jnp
 from deformnb._typing import Progress
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
@@ -35,6 +33,7 @@ from deformnb.warping import planning
 from deformnb.warping.compositions import ComposedEvaluator, Displacements, Replacement
 from deformnb.warping.map_checks import add_cautions, map_notes
 from deformnb.warping.modulated_cuts import CutPlan, plan_cut
+from deformnb.warping.voxel_readers import VoxelInput, VoxelReader, make_reader, store
 
 
 def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:
@@ -211,9 +210,9 @@ def deform_volumes(volumes: list[Volume], field: Any, **options: Any) -> list[Vo
 class Warper:
     """A volume made ready for many edits; call it with a field. Parameters are those of :func:`warp`.
 
-    What depends on the volume alone is made once: the array in JAX's memory, the coefficients of the cubic spline and,
-    where :meth:`prepare` requires it, a copy with the axis of extrusion last in memory. May be called from several
-    threads at once.
+    What depends on the volume alone is made once: on a GPU the array in its memory, the coefficients of the cubic
+    spline and, where :meth:`prepare` requires it, a copy with the axis of extrusion last in memory. May be called from
+    several threads at once.
 
     Notes
     -----
@@ -249,10 +248,7 @@ class Warper:
         self.step = int(step)
         self._fill = planning.as_voxel(self.fill, volume.dtype)
         self.compute = sampling.compute_type(volume.dtype)
-        self._index = "int64" if volume.grid.size > sampling.LARGEST_INT32 else "int32"
         self._places = planning.places(volume.grid, self.output, self.compute)
-        self._near = self._places.is_near(volume.shape)
-        self._tables: dict[int, Any] = {}  # of the prepared axes; None for x, whose rows are read in place
 
     def __call__(self, field: AbstractField | HasField, *, progress: Progress | None = None) -> Volume:
         """The volume deformed by ``field``; see :func:`warp`."""
@@ -266,13 +262,7 @@ class Warper:
 
     def run_plan(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         """The voxels under an extruded map, in the quickest way."""
-        if not devices.is_host() or (plan.weights is not None and plan.normal == 2):
-            values = self._run_blocks(plan, progress)
-        elif plan.normal == 2 or (plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal)):
-            values = self._rows(plan, progress)
-            values = values if plan.normal in self._tables else _writable(values)
-        else:
-            values = self._run_extrusion(plan, progress)
+        values = self._reader.read_extruded(plan, lambda parts, work: _share([self], parts, work, progress))
         if plan.opacity is None:
             return values
         rows = np.moveaxis(values, plan.normal, 2)  # which fade as a whole
@@ -281,275 +271,39 @@ class Warper:
     def prepare(self, axis: int) -> None:
         """Make replicated edits along an array axis (0, 1, 2 for z, y, x) as fast as they can be.
 
-        Costs one copy of the volume. Along x it costs nothing, and saves a copy of the result; a GPU needs none.
+        Costs one copy of the volume. Along x it costs nothing; a GPU needs none.
         """
-        if devices.is_host() and axis not in self._tables:
-            rows = np.moveaxis(self._voxels, axis, 2)
-            with self._arithmetic():
-                self._tables[axis] = None if axis == 2 else sampling.to_device(rows, (-1, rows.shape[2]))
-
-    @property
-    def _voxels(self) -> NDArray[Any]:
-        values = self.volume.finite_values
-        return values.view(np.uint8) if values.dtype == np.bool_ else values
-
-    def _is_whole(self, axis: int) -> bool:
-        return self.output.shape[axis] == self.volume.shape[axis]
-
-    def _first(self, axis: int) -> int:
-        """The volume's slice along an axis that is the output's first one, where both have the same."""
-        return int(self._places.whole[axis][axis, 0])
-
-    def _arithmetic(self) -> Any:
-        return sampling.arithmetic(self.volume.dtype, self.volume.grid.size)
+        self._reader.prepare(axis)
 
     @cached_property
-    def _flat(self) -> Any:
-        """The voxels, or the spline's coefficients, in JAX's memory."""
-        values = self._voxels
-        if METHODS[self.method].is_spline:
-            values = sampling.spline_coefficients(values, self.compute)
-        return sampling.share_with_jax(values)
+    def _reader(self) -> VoxelReader:
+        return make_reader(VoxelInput(_small_values(self.volume.finite_values), self._places, self.method, self._fill))
 
     def _fade(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
         return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
 
     def load(self) -> None:
         """Prepare the samples, before threads share them."""
-        with self._arithmetic():
-            _ = self._flat
+        self._reader.load()
 
     def empty(self) -> NDArray[Any]:
         """An array for the result."""
-        return np.empty(self.output.shape, self._voxels.dtype)
+        return np.empty(self.output.shape, self._fill.dtype)
 
-    def sample_block(self, own: Displacements, block: tuple[slice, slice], step: int) -> NDArray[Any]:
-        """The voxels of a block, whose displacements are known at every ``step``-th of them."""
-        at = self._places
-        with self._arithmetic():
-            result = as_numpy(
-                sampling.general(
-                    self._flat,
-                    own.d,
-                    at.matrix,
-                    *at.block(block),
-                    self._fill,
-                    own.nodes,
-                    step=step,
-                    straight=at.is_straight,
-                    **self._settings(),
-                )
-            )
-        return result if own.opacity is None else self._fade(result, own.opacity)
+    def read_block(self, out: NDArray[Any], own: Displacements, block: planning.BlockSlices) -> NDArray[Any]:
+        """The voxels of a block, whose displacements are known; in ``out`` or elsewhere."""
+        result = self._reader.read_block(out, block, own.d, own.nodes)
+        return result if own.opacity is None else self._fade(result, own.opacity[: len(out), : out.shape[1]])
 
-    def sample_voxels(self, known: Replacement) -> NDArray[Any]:
+    def read_voxels(self, known: Replacement, matrix: NDArray[Any] | None = None) -> NDArray[Any]:
         """Single voxels, whose displacements are known."""
-        voxels, d, opacity = known
-        at = self._places
-        with self._arithmetic():
-            result = as_numpy(
-                sampling.listed(self._flat, d, voxels, at.matrix, at.whole, at.part, self._fill, **self._settings())
-            )
-        return result if opacity is None else self._fade(result, opacity)
-
-    def replace_near_cut(
-        self, out: NDArray[Any], cut: CutPlan, part: tuple[slice, NDArray[np.intp]], d: Any, opacity: Any
-    ) -> None:
-        """Put in a result the voxels of a part of those so near a cut that it may open."""
-        normal, depth, pixels = cut.apart.normal, part[0], cut.pixels[:, part[1]]
-        with self._arithmetic():
-            result = as_numpy(
-                sampling.extruded(
-                    self._flat,
-                    (d,),
-                    np.ones((1, d.shape[normal + 1]), np.float32),
-                    cut.apart.matrix,
-                    *self._places.select(normal, depth, pixels),
-                    self._fill,
-                    normal=normal,
-                    **self._settings(),
-                )
-            )
-        np.moveaxis(out, normal, 2)[*pixels, depth] = np.moveaxis(self._fade(result, opacity), normal, 2)[0]
-
-    def _settings(self) -> dict[str, Any]:
-        return {
-            "shape": self.volume.shape,
-            "method": self.method,
-            "compute": self.compute,
-            "index": self._index,
-            "near": self._near,
-        }
-
-    def _run_extrusion(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
-        """A few slices along the normal at a time: they need nothing of the other slices, so no copy of all is made."""
-        axis, n = plan.normal, self.output.shape[plan.normal]
-        out = np.empty(self.output.shape, self._voxels.dtype)
-        before, first = (slice(None),) * axis, self._first(axis)
-        # Transposed parts cost a call each way. Those read as words take 29 ms in 16 calls, 25 in 4, but hold more
-        # memory.
-        blocks = (2 if self._is_crowded(axis) else 4) if plan.weights is None else 2 if self._has_words(axis) else 1
-        most = planning.BLOCK_VOXELS * blocks * n // self.output.size
-        most = min(most, -(-n // planning.processors()))  # a part for each processor
-        parts = planning.parts(n, most)
-        move = self._replicate_slices(plan) if plan.weights is None else self._modulate_slices(plan, parts[0].stop)
-
-        def work(part: slice) -> None:
-            voxels = self._voxels[*before, slice(first + part.start, first + part.stop)]
-            with self._arithmetic():
-                out[*before, part] = move(voxels, part)
-
-        _share([self], parts, work, progress)
-        return out
-
-    def _replicate_slices(self, plan: planning.Extruded) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
-        """Slices under one map: a few, transposed so that voxels of one displacement are contiguous, and back."""
-        normal, axes = plan.normal, [axis for axis in range(3) if axis != plan.normal]
-        at = self._places.along(axes, plan.matrix)
-        settings = self._settings() | {"shape": tuple(self.volume.shape[axis] for axis in axes)}
-        count, gap = plan.maps.shape[2], int(self._is_crowded(normal))
-        maps = np.pad(plan.maps[0], ((0, 0), (0, gap), (0, 0)), mode="edge")  # one more row behind each slice
-        with self._arithmetic():
-            taps, ok = sampling.row_taps(maps, at.matrix, *at.block((slice(0, count + gap),)), **settings)
-
-        def move(voxels: NDArray[Any], _part: slice) -> NDArray[Any]:
-            rows = sampling.rows_by(
-                sampling.move_axis(sampling.add_row_gaps(voxels) if gap else voxels, normal, 2),
-                taps,
-                ok,
-                self._fill,
-                method=self.method,
-                compute=self.compute,
-            )
-            slices = np.asarray(sampling.move_axis(np.asarray(rows), 2, normal))
-            return slices[:, :count] if gap else slices
-
-        return move
-
-    def _is_crowded(self, axis: int) -> bool:
-        """Check whether slices along an axis begin whole pages apart, so that they evict each other from the cache."""
-        return axis == 0 and self._voxels[0].nbytes % 4096 == 0
-
-    def _modulate_slices(self, plan: planning.Extruded, count: int) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
-        """``count`` slices under maps whose weights change from one to the next."""
-        normal, weights = plan.normal, plan.weights
-        assert weights is not None
-        if self._has_words(normal):
-            return self._modulate_words(plan, weights)
-        whole, fraction = list(self._places.whole), list(self._places.part)
-        whole[normal] = np.zeros((3, count), np.int32)
-        whole[normal][normal] = np.arange(count)
-        fraction[normal] = np.zeros((3, count), self.compute)
-        with self._arithmetic():  # on JAX's side once, and not again for every part
-            fixed = jnp.asarray(plan.maps[*[slice(None)] * (normal + 2), None]), plan.matrix, whole, fraction
-            maps, matrix, whole, fraction = jax.tree.map(jnp.asarray, fixed)
-
-        def move(voxels: NDArray[Any], part: slice) -> NDArray[Any]:
-            return as_numpy(
-                sampling.extruded(
-                    sampling.share_with_jax(voxels),
-                    maps,
-                    weights[:, part],
-                    matrix,
-                    whole,
-                    fraction,
-                    self._fill,
-                    normal=normal,
-                    **self._settings() | {"shape": voxels.shape},
-                )
-            )
-
-        return move
-
-    def _has_words(self, normal: int) -> bool:
-        """Check whether slices along ``normal`` hold small integers, read as words, of which most are read."""
-        source, output = (np.delete(shape, normal) for shape in (self.volume.shape, self.output.shape))
-        return (
-            normal != 2
-            and self._voxels.dtype.kind in "iu"
-            and self._voxels.dtype.itemsize <= 2
-            and self.method == "linear"
-            and devices.is_host()
-            and self._near
-            and min(source) > 1
-            and bool(np.prod(source) <= min(2 * np.prod(output), sampling.MOST_WORDS))
-        )
-
-    def _modulate_words(
-        self, plan: planning.Extruded, weights: NDArray[np.float32]
-    ) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
-        """:meth:`_modulate_slices` for small integers. NumPy computes what the parts share: it compiles nothing."""
-        normal = plan.normal
-        at = self._places.along([axis for axis in range(3) if axis != normal], plan.matrix)
-        m = at.matrix[:, :, None, None]
-        moves = [m[:, 0] * one[0] + m[:, 1] * one[1] for one in plan.maps]
-        fixed = moves, *([_outer_sum(rows[a], columns[a]) for a in range(2)] for rows, columns in (at.whole, at.part))
-        with self._arithmetic():
-            moves, whole, part = jax.tree.map(jnp.asarray, fixed)
-
-        def move(voxels: NDArray[Any], some: slice) -> NDArray[Any]:
-            slices = np.moveaxis(voxels, normal, 0)
-            result = sampling.slices_in_words(
-                sampling.share_with_jax(slices),
-                moves,
-                weights[:, some],
-                whole,
-                part,
-                self._fill,
-                shape=slices.shape[1:],
-            )
-            return np.moveaxis(as_numpy(result), 0, normal)
-
-        return move
-
-    def _run_blocks(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
-        """Parts along z and y: of maps that change along x, for slices would have to be cut out of every row; and of
-        any map on a GPU, which holds the whole volume.
-        """
-        normal, outs = plan.normal, [np.empty(self.output.shape, self._voxels.dtype)]
-        with self._arithmetic():
-            flat = self._flat
-        maps = plan.maps.reshape(*plan.maps.shape[: 2 + normal], 1, *plan.maps.shape[2 + normal :])
-
-        def work(block: tuple[slice, slice]) -> None:
-            of_map = [slice(None) if axis == normal else part for axis, part in enumerate(block)]
-            weights = None if plan.weights is None else plan.weights[:, (*block, slice(None))[normal]]
-            with self._arithmetic():
-                result = sampling.extruded(
-                    flat,
-                    maps[:, :, *of_map],
-                    weights,
-                    plan.matrix,
-                    *self._places.block(block),
-                    self._fill,
-                    normal=normal,
-                    **self._settings(),
-                )
-            _store(outs, 0, block, as_numpy(result))
-
-        _share([self], planning.blocks(self.output.shape, 1), work, progress)
-        return outs[0]
-
-    def _rows(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
-        axes = [axis for axis in range(3) if axis != plan.normal]
-        shape = tuple(self.volume.shape[axis] for axis in axes)
-        at = self._places.along(axes, plan.matrix)
-        settings = self._settings() | {"shape": shape}
-        with self._arithmetic():
-            first = np.asarray(self._first(2), self._index)
-            table = (
-                self._tables[plan.normal]
-                if plan.normal != 2
-                else sampling.Rows(self._flat, first, self.output.shape[2])
-            )
-        out = _move_rows(table, plan.maps[0], at, self._fill, settings, progress)
-        return np.moveaxis(out, 2, plan.normal)
+        result = self._reader.read_voxels(known.voxels, known.d, matrix)
+        return result if known.opacity is None else self._fade(result, known.opacity)
 
 
-def _outer_sum(rows: NDArray[Any], columns: NDArray[Any]) -> NDArray[np.float32]:
-    """``rows[:, None] + columns``, of extent 1 along an axis that brings nothing to it."""
-    some = rows[:, None] if rows.any() else np.zeros((1, 1), rows.dtype)
-    return (some + columns if columns.any() else some).astype(np.float32)
+def _small_values(values: NDArray[Any]) -> NDArray[Any]:
+    """Bool as uint8."""
+    return values.view(np.uint8) if values.dtype == np.bool_ else values
 
 
 def _together(warpers: Sequence[Warper], field: AbstractField | HasField, progress: Progress | None) -> list[Volume]:
@@ -619,18 +373,18 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
 
     def work(block: tuple[slice, slice]) -> None:
         own = (
-            _lattice_displacements(field, planning.lattice(grid, block, step), step)
+            _lattice_displacements(field, planning.lattice(grid, block, step), block, step)
             if by_lattice
             else chain.block(block)
         )
         for k, warper in enumerate(warpers):
-            _store(outs, k, block, warper.sample_block(own, block, step), is_final=by_lattice)
+            store(outs, k, block, warper.read_block(outs[k][block], own, block), is_final=by_lattice)
         for known in own.exact:
             replace(known)
 
     def replace(known: Replacement) -> None:
         for warper, out in zip(warpers, outs, strict=True):
-            out[known[0]] = warper.sample_voxels(known)
+            out[known.voxels] = warper.read_voxels(known)
 
     parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape)
     _share(warpers, parts, work, _progress_range(progress, *ends[:2]))
@@ -639,28 +393,15 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     return outs
 
 
-def _store(
-    outs: list[NDArray[Any]], k: int, block: tuple[slice, slice], result: NDArray[Any], *, is_final: bool = True
-) -> None:
-    """Put a block of the k-th result in its place; what ends beyond it is cut off.
-
-    One that comes from a GPU, is the whole result and is final, so that it may be read-only, is not copied once more:
-    that would take longer than the warp.
-    """
-    target = outs[k][block]
-    if is_final and not devices.is_host() and target.shape == outs[k].shape == result.shape:
-        outs[k] = result
-    else:
-        target[...] = result[: target.shape[0], : target.shape[1]]
-
-
-def _lattice_displacements(field: AbstractField, lattice: Grid, step: int) -> Displacements:
-    """Stored samples as they are, anything else evaluated at every node of a lattice."""
+def _lattice_displacements(
+    field: AbstractField, lattice: Grid, block: planning.BlockSlices, step: int
+) -> Displacements:
+    """Stored samples as they are, anything else evaluated at every node of the lattice of a block."""
     stored = planning.interpolation_tables(field, lattice) if step == 1 else None
     if stored is not None:
         return Displacements(*stored)
     d, opacity = planning.displacements_and_opacity(field, lattice, step)
-    return Displacements(d, opacity=opacity)
+    return Displacements(d, planning.step_tables(block, step) if step > 1 else None, opacity)
 
 
 def _warp_near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | None) -> list[NDArray[Any]]:
@@ -670,9 +411,9 @@ def _warp_near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress 
         warper.load()
 
     def work(part: tuple[slice, NDArray[np.intp]]) -> None:
-        d, opacity = cut.displacement_and_opacity(*part)
+        known, matrix = cut.replacement(*part), cut.matrix
         for warper, out in zip(warpers, outs, strict=True):
-            warper.replace_near_cut(out, cut, part, d, opacity)
+            out[known.voxels] = warper.read_voxels(known, matrix)
 
     _share(warpers, cut.parts(), work, progress)
     return outs
@@ -729,37 +470,6 @@ def warp_all(
     return [results[k] for k in range(len(volumes))]
 
 
-def _move_rows(
-    table: Any,
-    maps: NDArray[np.float32],
-    at: planning.Places,
-    fill: Any,
-    settings: dict[str, Any],
-    progress: Progress | None = None,
-) -> NDArray[Any]:
-    """Rows of voxels or the channels of pixels, moved as a whole: (rows, columns, n)."""
-    shape = (*maps.shape[1:], table.shape[-1])
-
-    def move(chunk: slice) -> NDArray[Any]:
-        with sampling.arithmetic(fill.dtype, table.size):
-            done = sampling.rows(table, maps[:, chunk], at.matrix, *at.block((chunk,)), fill, **settings)
-        return as_numpy(done)
-
-    chunks = planning.chunks(shape[0], shape[1] * shape[2] * fill.dtype.itemsize)
-    if len(chunks) == 1:  # the kernel's own memory, not copied
-        whole = move(chunks[0])
-        if progress:
-            progress(1.0)
-        return whole
-    out = np.empty(shape, fill.dtype)
-
-    def work(chunk: slice) -> None:
-        out[chunk] = move(chunk)
-
-    planning.run_parts(chunks, work, progress)
-    return out
-
-
 def warp_picture(
     values: NDArray[Any],
     raster: Raster,
@@ -804,24 +514,25 @@ def warp_picture(
     output = output or raster
     pixels, background = _finite_pixels(values)
     lowest = planning.as_voxel(background if fill is None else fill, values.dtype)
-    if METHODS[method].is_spline:
-        pixels = sampling.spline_coefficients(pixels, compute, axes=(0, 1))
-    with sampling.arithmetic(values.dtype, 0):
-        # The channels of a pixel are what a row of voxels is to a replicated map: they move together.
-        table = sampling.to_device(pixels.reshape(raster.shape[0] * raster.shape[1], -1))
     at = planning.picture_places(raster, output, compute)
-    settings = {
-        "shape": raster.shape,
-        "method": method,
-        "compute": compute,
-        "index": "int32",
-        "near": at.is_near(raster.shape),
-    }
     d, opacity = planning.raster_with_opacity(field, output)
-    result = _move_rows(table, d, at, lowest, settings)
+    channels = [
+        _warp_channel(pixels.reshape(*raster.shape, -1)[..., c], at, method, lowest, d)
+        for c in range(pixels[0, 0].size)
+    ]
+    result = channels[0][..., None] if len(channels) == 1 else np.stack(channels, axis=-1)
     if opacity is not None:
         result = apply_opacity(result, opacity, lowest, discrete=not METHODS[method].blends)
     return result.view(values.dtype).reshape(*output.shape, *values.shape[2:])
+
+
+def _warp_channel(
+    pixels: NDArray[Any], at: planning.Places, method: str, fill: Any, d: NDArray[np.float32]
+) -> NDArray[Any]:
+    """A picture of one value a pixel: a volume of one slice."""
+    reader = make_reader(VoxelInput(pixels[None], at.with_slices(), method, fill))
+    plan = planning.Extruded(0, d[None], None, np.concatenate([np.zeros((1, 2), at.matrix.dtype), at.matrix]))
+    return reader.read_extruded(plan, lambda parts, work: planning.run_parts(parts, work, None))[0]
 
 
 def _finite_pixels(values: NDArray[Any]) -> tuple[NDArray[Any], float]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from deformnb import devices
 from deformnb._jax import float64
 from deformnb.volume import sampling
 from deformnb.volume.sampling import METHODS, Axis
@@ -68,28 +65,12 @@ def test_outside_begins_half_a_voxel_beyond_the_outermost_centres() -> None:
     assert np.asarray(sampling.inside([axis])).tolist() == [False, True, True, True, False, False, False]
 
 
-@given(whole=st.integers(-(2**29), 2**29), move=st.floats(-1e4, 1e4, width=32), near=st.booleans())
-def test_split_keeps_the_place(whole: int, move: float, near: bool) -> None:
-    index, fraction = sampling.split(jnp.asarray(whole, jnp.int32), jnp.asarray(move, jnp.float32), near=near)
+@given(whole=st.integers(-(2**29), 2**29), move=st.floats(-1e4, 1e4, width=32))
+def test_split_keeps_the_place(whole: int, move: float) -> None:
+    index, fraction = sampling.split(jnp.asarray(whole, jnp.int32), jnp.asarray(move, jnp.float32))
     assert 0 <= float(fraction) <= 1
     # 2^-24: a fraction rounded to float32, once
     assert int(index) - whole + float(fraction) == pytest.approx(move, abs=2**-24)
-
-
-@given(move=st.floats(-(2.0**22), 2.0**22, width=32))
-def test_near_places_are_split_as_others_are(move: float) -> None:
-    quick, plain = (
-        sampling.split(jnp.asarray(7, jnp.int32), jnp.asarray(move, jnp.float32), near=near) for near in (True, False)
-    )
-    assert quick == plain
-
-
-@pytest.mark.parametrize("move", [2.0**22, -(2.0**22), 2.0**23, -1e9, 3e38, -3e38])
-def test_a_place_beyond_the_near_ones_stays_outside(move: float) -> None:
-    index, fraction = sampling.split(
-        jnp.asarray(-np.sign(move) * sampling.NEAR, jnp.int32), jnp.asarray(move, jnp.float32), near=True
-    )
-    assert not sampling.inside([Axis(sampling.NEAR, 1, index, fraction)])
 
 
 def _round(values: np.ndarray, dtype: str, method: str = "linear") -> np.ndarray:
@@ -125,43 +106,6 @@ def test_aligned_memory_is_shared_and_other_memory_is_copied(dtype: str) -> None
         assert (np.asarray(array) == other).all()
 
 
-shared_memory = pytest.mark.skipif(not devices.is_host(), reason="a GPU shares no memory with NumPy")
-
-
-@shared_memory
-@pytest.mark.parametrize("dtype", ["uint8", "float32"])
-def test_parts_of_a_larger_array_are_shared_wherever_they_begin(dtype: str) -> None:
-    count = 9 * 8 * 5 * 3
-    whole = sampling.aligned_empty((count + 1,), np.dtype(dtype))[1:].reshape(9, 8, 5, 3)
-    whole[...] = np.arange(count).reshape(whole.shape) % 251
-    parts = [whole[k : k + 3] for k in (0, 3, 6)]
-    seen = [sampling.share_with_jax(part) for part in parts]
-    assert len({(each.row.shape, each.shape) for each in seen}) == 1
-    for part, each in zip(parts, seen, strict=True):
-        np.testing.assert_array_equal(each, part)
-        np.testing.assert_array_equal(each.at(1), part[1])
-    first = seen[1].row.unsafe_buffer_pointer() + int(seen[1].start) * whole.itemsize
-    assert first == parts[1].ctypes.data
-    np.testing.assert_array_equal(sampling.share_with_jax(whole[3:6, ::-1]), whole[3:6, ::-1])  # not contiguous
-
-
-@shared_memory
-@pytest.mark.parametrize("first", [0, 1, 2, 7])
-@pytest.mark.parametrize("dtype", ["uint8", "float32", "float64"])
-def test_a_whole_array_is_shared_wherever_it_begins(dtype: str, first: int) -> None:
-    with sampling.arithmetic(np.dtype(dtype), 0):
-        size = np.dtype(dtype).itemsize
-        memory = memoryview(sampling.aligned_empty((100 * size,), np.dtype(np.uint8)))
-        whole = np.frombuffer(memory[first * size : (first + 90) * size], dtype).reshape(9, 10)
-        whole[...] = np.arange(90).reshape(9, 10)
-        seen = sampling.share_with_jax(whole)
-        np.testing.assert_array_equal(seen, whole)
-        row, start = (seen.row, int(seen.start)) if first else (seen, 0)
-        assert row.unsafe_buffer_pointer() + start * size == whole.ctypes.data
-        del whole, memory  # JAX's array is unchanged
-        np.testing.assert_array_equal(seen, np.arange(90).reshape(9, 10))
-
-
 @pytest.mark.parametrize(
     ("dtype", "size", "wide"),
     [("uint8", 8, False), ("float32", 8, False), ("int32", 8, True), ("float64", 8, True), ("uint8", 2**31, True)],
@@ -175,13 +119,3 @@ def test_a_large_index_does_not_blur_the_fraction() -> None:
     # 1000 + 0.1 as one float32 is wrong by 2e-5; stored separately, by less than 1e-8
     index, fraction = sampling.split(jnp.asarray(1000, jnp.int32), jnp.asarray(0.1, jnp.float32))
     assert (int(index), float(fraction)) == (1000, pytest.approx(0.1, abs=1e-8))
-
-
-def test_products_are_the_nested_sum() -> None:
-    rng = np.random.default_rng(2)
-    table = rng.random(50)
-    taps: list[Any] = [
-        list(zip(rng.integers(0, 9, 3).tolist(), [0, 1, 2], rng.random(3).tolist(), strict=True)) for _ in range(2)
-    ]
-    nested = sampling.weighted_sum(lambda k, shift: table[k + shift], taps)
-    assert sum(w * table[k + shift] for k, shift, w in sampling.products_of(taps)) == pytest.approx(nested, abs=1e-14)

@@ -217,7 +217,6 @@ def test_cuts_in_parts_of_any_size(rule: str, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(planning, "processors", lambda: 3)
     for voxels in (1, 2000):
         monkeypatch.setattr(planning, "BLOCK_VOXELS", voxels)
-        monkeypatch.setattr(planning, "CHUNK_BYTES", voxels)
         for f, expected in zip(fields, whole, strict=True):
             assert (warp(volume, f).values == expected).all()
 

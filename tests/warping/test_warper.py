@@ -612,7 +612,6 @@ def test_parts_of_any_size_give_the_same_voxels(threads: int, step: int, monkeyp
     monkeypatch.setattr(planning, "processors", lambda: threads)
     for voxels in (1, 100, 300):
         monkeypatch.setattr(planning, "BLOCK_VOXELS", voxels)
-        monkeypatch.setattr(planning, "CHUNK_BYTES", voxels)
         for f, expected in zip(fields, whole, strict=True):
             # Equal where XLA optimises; tests compile quickly, and the size of a part then decides about rounding.
             close = 4 * np.finfo(np.float32).eps * np.abs(expected).max()
@@ -668,7 +667,6 @@ GROWN = Affine(1.1 * np.eye(3), np.zeros(3))
 def test_progress_and_cancellation(field: AbstractField, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planning, "processors", lambda: threads)
     monkeypatch.setattr(planning, "BLOCK_VOXELS", 20)
-    monkeypatch.setattr(planning, "CHUNK_BYTES", 400)
     monkeypatch.setattr(planning, "_MORE_ON_GPU", 1)
     seen: list[float] = []
     warp(noise(STRAIGHT), field, progress=seen.append)
