@@ -29,8 +29,8 @@ class BuildHook(BuildHookInterface):  # type: ignore[type-arg]
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Make the bundles and the compiled loops if their sources have changed since.
 
-        A wheel with compiled loops is one for this platform, of any Python; without a C compiler it has none, and serves
-        all platforms.
+        A wheel with compiled loops is one for this platform, of any Python; without a C compiler it has none, and
+        serves all platforms.
         """
         try:
             node_tasks.bundle()

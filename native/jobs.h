@@ -167,6 +167,7 @@ static int NAME(general)(const Source *source, const Field *field, const Target 
         return 1;
     }
     float *const rows = scratch, *const planes = scratch + 3 * nx;
+    int result = 0;
     for (int64_t z = 0; z < nz; z++) {
         if (field->nodes_y) {
             const int64_t length = field->nodes_y * nx;
@@ -177,23 +178,20 @@ static int NAME(general)(const Source *source, const Field *field, const Target 
                              planes + c * length + r * nx);
         }
         for (int64_t y = 0; y < ny; y++) {
-            const float *d[3];
-            for (int c = 0; c < 3; c++) {
-                float *own = rows + c * nx;
-                if (field->nodes_y) {
+            const float *d[3] = {rows, rows + nx, rows + 2 * nx};
+            const int64_t at = z * field->stride[0] + y * field->stride[1];
+            if (field->nodes_y)
+                for (int c = 0; c < 3; c++)
                     mix_rows(planes + (c * field->nodes_y + field->first[1][y]) * nx, nx, field->weights[1] + y, ny,
-                             field->taps[1], nx, own);
-                    d[c] = own;
-                } else {
-                    const float *from = field->d[c] + z * field->stride[0] + y * field->stride[1];
-                    d[c] = from;
-                    if (field->stride[2] != 1) {
-                        const int64_t step = field->stride[2];
-                        for (int64_t i = 0; i < nx; i++) own[i] = from[i * step];
-                        d[c] = own;
-                    }
-                }
-            }
+                             field->taps[1], nx, rows + c * nx);
+            else if (field->stride[2] == 1)
+                for (int c = 0; c < 3; c++) d[c] = field->d[c] + at;
+            else if (field->stride[2] == 3 && field->d[1] == field->d[0] + 1 && field->d[2] == field->d[0] + 2)
+                split_row(field->d[0] + at, nx, rows);
+            else
+                for (int c = 0; c < 3; c++)
+                    for (int64_t i = 0; i < nx; i++) rows[c * nx + i] = field->d[c][at + i * field->stride[2]];
+            if (!is_finite(d, nx)) result = 2;
             NAME(RowPlaces) row;
             char *out = (char *)target->values + size * (z * target->stride[0] + y * target->stride[1]);
             for (int64_t x = 0; x < nx; x += ROW) {
@@ -206,7 +204,7 @@ static int NAME(general)(const Source *source, const Field *field, const Target 
     }
     free(scratch);
     free(tables.memory);
-    return 0;
+    return result;
 }
 
 static int NAME(listed)(const Source *source, const VoxelList *voxels) {

@@ -83,6 +83,23 @@ static void mix_rows(const float *restrict rows, int64_t stride, const float *we
     }
 }
 
+/* Components that lie side by side, one after the other. */
+static void split_row(const float *restrict from, int64_t n, float *restrict to) {
+    float *restrict x = to, *restrict y = to + n, *restrict z = to + 2 * n;
+    SIMD for (int64_t i = 0; i < n; i++) {
+        x[i] = from[3 * i];
+        y[i] = from[3 * i + 1];
+        z[i] = from[3 * i + 2];
+    }
+}
+
+static int is_finite(const float *const d[3], int64_t n) {
+    const float *restrict x = d[0], *restrict y = d[1], *restrict z = d[2];
+    float sum = 0; /* 0 times infinity, or times no number, is no number */
+    SIMD_REDUCTION(+, sum) for (int64_t i = 0; i < n; i++) sum += ((x[i] + y[i]) + z[i]) * 0.f;
+    return sum == 0;
+}
+
 #if defined(__has_builtin)
 #if __has_builtin(__builtin_shufflevector)
 #define SHUFFLE(A, B, ...) __builtin_shufflevector(A, B, __VA_ARGS__)

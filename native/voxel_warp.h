@@ -64,7 +64,7 @@ typedef struct {
     int64_t count;
 } VoxelList;
 
-/* All return 0, or 1 where there is no memory. */
+/* All return 0, 1 where there is no memory, or 2 where a displacement is not finite. */
 typedef struct {
     int (*general)(const Source *, const Field *, const Target *);
     int (*listed)(const Source *, const VoxelList *);

@@ -25,6 +25,10 @@ Tables = Sequence[NDArray[Any]]
 """For each output axis its part of the place along the three input axes (3, n)."""
 
 
+class NotFiniteError(ValueError):
+    """A displacement is not finite."""
+
+
 class VoxelSource:
     """Voxels that are read at places of an output, with loops of one level.
 
@@ -210,8 +214,11 @@ class VoxelSource:
         return jobs.Target(out.ctypes.data, (z // out.itemsize, y // out.itemsize), start, stop)
 
     def _run(self, name: str, *job: ctypes.Structure, own: jobs.Source | None = None) -> None:
-        if getattr(self._loops, name)(*map(ctypes.byref, (own or self._job, *job))):
+        result = getattr(self._loops, name)(*map(ctypes.byref, (own or self._job, *job)))
+        if result == 1:
             raise MemoryError
+        if result:
+            raise NotFiniteError
 
 
 def _match_layouts(d: Sequence[NDArray[Any]], *, has_rows: bool) -> list[NDArray[np.float32]]:

@@ -344,7 +344,7 @@ def interpolation_tables(field: AbstractField, grid: Grid) -> tuple[tuple[Any, .
         tables.append(((low - first).astype(np.int32), np.stack([1 - t, t]).astype(np.float32)))
     some = np.moveaxis(np.asarray(field.values[tuple(parts)], dtype=np.float32), -1, 0)
     before, (left, right) = tables.pop()
-    d = check_finite(left * some[..., before] + right * some[..., before + 1])
+    d = np.asarray(left * some[..., before] + right * some[..., before + 1], np.float32)
     return tuple(d), tuple(tables)
 
 
@@ -362,19 +362,20 @@ def _cells(at: Places, axis: int, count: int) -> tuple[NDArray[np.int64], NDArra
 
 
 def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
-    """The field on a lattice: components x, y, z as three arrays (z, y, x), of NumPy or of JAX.
+    """The field on a lattice: components x, y, z as three arrays (z, y, x), of NumPy or of JAX. Their reader checks that
+    they are finite.
 
     A field that is evaluated is evaluated at every ``step``-th node along x only, and interpolated linearly in between.
     """
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
         d = _resample(np.asarray(field.values), places(field.lattice, grid, "float64"))
         if d is not None:
-            return tuple(np.moveaxis(check_finite(d), -1, 0))
+            return tuple(np.moveaxis(np.asarray(d, np.float32), -1, 0))
     if step > 1 and grid.shape[2] > step:
         return _coarse_along_x(field, grid, step)
     with devices.device_context():  # else JAX would move operations on the result to the device that it prefers
         stays = _device_components(field, grid)
-        return tuple(check_finite(field.components_on_grid(grid))) if stays is None else stays
+        return tuple(np.asarray(field.components_on_grid(grid), np.float32)) if stays is None else stays
 
 
 def _device_components(field: AbstractField, on: Grid | Raster) -> tuple[Any, ...] | None:
@@ -394,7 +395,7 @@ def _device_components(field: AbstractField, on: Grid | Raster) -> tuple[Any, ..
 def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> tuple[Any, ...]:
     (nz, ny, nx), (sx, sy, sz) = grid.shape, grid.spacing
     coarse = replace(grid, shape=(nz, ny, ceil(nx / step) + 1), spacing=(step * sx, sy, sz))
-    d: tuple[Any, ...] = _refine(check_finite(field.components_on_grid(coarse)), step=step, count=nx)
+    d: tuple[Any, ...] = _refine(np.asarray(field.components_on_grid(coarse), np.float32), step=step, count=nx)
     return d
 
 
@@ -420,7 +421,7 @@ def displacements_and_opacity(
     if not field.has_cuts:
         return displacements(field, grid, step), None
     d, opacity = field.lattice_values_and_opacity(*grid_lines(grid), min(grid.spacing))
-    d = check_finite(d).reshape(3, *grid.shape)
+    d = np.asarray(d, np.float32).reshape(3, *grid.shape)
     return tuple(d), None if opacity is None else opacity.reshape(grid.shape)
 
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from deformnb import devices
 from deformnb._jax import as_numpy
+from deformnb.errors import DeformError
 from deformnb.native import library
-from deformnb.native.source import VoxelSource
+from deformnb.native.source import NotFiniteError, VoxelSource
 from deformnb.volume import sampling
 from deformnb.volume.sampling import METHODS
 from deformnb.warping import planning
@@ -134,7 +135,10 @@ class CompiledReader:
             moves = [component[:nz, :ny] for component in moves]
         else:
             nodes = tuple((first[:n], w[:, :n]) for (first, w), n in zip(nodes, (nz, ny), strict=True))
-        self._source.read_box(out, (block[0].start, block[1].start, 0), moves, nodes)
+        try:
+            self._source.read_box(out, (block[0].start, block[1].start, 0), moves, nodes)
+        except NotFiniteError:
+            raise DeformError(planning.NOT_FINITE) from None
         return out
 
     def read_voxels(self, voxels: Any, d: Any, matrix: NDArray[Any] | None = None) -> NDArray[Any]:
@@ -197,6 +201,9 @@ class JaxReader:
     ) -> NDArray[Any]:
         """The voxels of a block, which may end beyond the output."""
         at = self._input.places
+        d = tuple(
+            planning.check_finite(component) if isinstance(component, np.ndarray) else component for component in d
+        )
         with self._arithmetic():
             result = sampling.general(
                 self._flat, d, at.matrix, *at.block(block), self._input.fill, nodes, **self._settings
@@ -251,7 +258,7 @@ def store(outs: list[NDArray[Any]], k: int, block: BlockSlices, result: NDArray[
     target = outs[k][block]
     if np.may_share_memory(target, result):
         return
-    if is_final and target.shape == outs[k].shape == result.shape:
+    if is_final and not devices.is_host() and target.shape == outs[k].shape == result.shape:
         outs[k] = result
     else:
         target[...] = result[: target.shape[0], : target.shape[1]]

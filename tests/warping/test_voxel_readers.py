@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from deformnb.errors import DeformError
 from deformnb.native import library
 from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import Grid
@@ -19,6 +20,13 @@ pytestmark = pytest.mark.skipif(not library.levels(), reason=f"no compiled loops
 
 DTYPES = ("uint8", "int8", "uint16", "int16", "int32", "float32", "float64")
 SOURCE, OUTPUT = (5, 11, 37), (7, 9, 300)  # a row of the output is longer than what the loops read at a time
+
+
+@pytest.fixture(autouse=True)
+def _use_loops(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DEFORMNB_NATIVE", raising=False)
+
+
 WARPS = 4  # of each case; by night there are as many cases as in the table
 
 
@@ -171,9 +179,13 @@ def test_extruded_maps(dtype: str, normal: int, method: str, modulated: bool, pr
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 3e38, -3e38])
 def test_places_that_are_no_numbers_are_outside(value: float, dtype: str, method: str) -> None:
     source = random_input(np.random.default_rng(0), dtype, method, exact=False)
-    reader = CompiledReader(source)
+    reader, out = CompiledReader(source), np.zeros(OUTPUT, dtype)
     block, d = (slice(0, OUTPUT[0]), slice(0, OUTPUT[1])), (np.full(OUTPUT, value, np.float32),) * 3
-    assert (reader.read_block(np.zeros(OUTPUT, dtype), block, d, None) == 7).all()
+    with pytest.raises(DeformError, match="not finite"):
+        reader.read_block(out, block, d, None)
+    assert (out == 7).all()
+    voxels = tuple(np.zeros(3, np.int32) for _ in OUTPUT)
+    assert (reader.read_voxels(voxels, [component[voxels] for component in d]) == 7).all()
 
 
 def test_a_volume_of_one_voxel_along_any_axes() -> None:
