@@ -26,6 +26,7 @@ STAMP = FOLDER / "sources.sha256"
 WHEEL = "ziglang>=0.14"
 X86_LEVELS = {"base": "x86-64", "v2": "x86-64-v2", "v3": "x86-64-v3", "v4": "x86-64-v4"}
 # Without contraction of a * b + c all levels give the same voxels. No loop is distributed over threads here.
+PER_LEVEL = ("voxel_warp", "radial_sums")  # compiled once for each level
 FLAGS = ("-std=gnu11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fopenmp-simd", "-fPIC",
          "-fvisibility=hidden", "-Wall")  # fmt: skip
 
@@ -90,17 +91,18 @@ def build() -> None:
     levels = X86_LEVELS if platform.machine().lower() in ("x86_64", "amd64") else {"base": ""}
     with tempfile.TemporaryDirectory() as folder:
 
-        def compile_level(name: str) -> str:
-            target = str(Path(folder) / f"{name}.o")
+        def compile_level(job: tuple[str, str]) -> str:
+            source, name = job
+            target = str(Path(folder) / f"{source}_{name}.o")
             march = (
                 levels[name].replace("-v", "_v").replace("x86-64", "x86_64") if "ziglang" in compiler else levels[name]
             )
             option = [] if not march else [f"-mcpu={march}" if "ziglang" in compiler else f"-march={march}"]
-            _run(*compiler, *FLAGS, *option, f"-DLEVEL=_{name}", "-c", str(SOURCES / "voxel_warp.c"), "-o", target)
+            _run(*compiler, *FLAGS, *option, f"-DLEVEL=_{name}", "-c", str(SOURCES / f"{source}.c"), "-o", target)
             return target
 
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-            objects = list(pool.map(compile_level, levels))
+            objects = list(pool.map(compile_level, [(source, name) for source in PER_LEVEL for name in levels]))
         made = Path(folder) / library_path().name
         _run(*compiler, *FLAGS, "-shared", str(SOURCES / "levels.c"), *objects, "-o", str(made), "-lm")
         shutil.copyfile(made, f"{library_path()}.new")

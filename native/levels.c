@@ -1,5 +1,5 @@
 /* The best level of instructions that this processor has: 0 is what every processor of its kind has. */
-#include "voxel_warp.h"
+#include "loops.h"
 
 EXPORT int deformnb_best_level(void) {
 #if defined(__x86_64__)

@@ -1,16 +1,10 @@
 /* Loops over all voxels of a warp. Compiled once for each level of instructions, whose name LEVEL ends the table of
    functions. Compile without contraction of a * b + c, so that all levels give the same voxels. */
-#include "voxel_warp.h"
+#include "loops.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-#define PASTE2(A, B) A##B
-#define PASTE(A, B) PASTE2(A, B)
-#define PRAGMA(TEXT) _Pragma(#TEXT)
-#define SIMD PRAGMA(omp simd)
-#define SIMD_REDUCTION(OPERATOR, NAME) PRAGMA(omp simd reduction(OPERATOR : NAME))
 
 typedef struct {
     float low, high;
@@ -29,17 +23,6 @@ enum { ROW = 256, /* voxels of a row that are read together: their places stay i
 enum { BETWEEN_VOXELS, AT_ONE, ALONG };
 
 static const int VOXEL_SIZES[VOXEL_TYPES] = {1, 1, 2, 2, 4, 4, 8};
-
-static inline float floor_float(float p) {
-#if defined(__SSE4_1__) || !defined(__x86_64__)
-    return floorf(p);
-#else /* SSE2 has no such instruction; beyond these limits all places are outside */
-    p = p > -8388608.f ? p : -8388608.f;
-    p = p < 8388608.f ? p : 8388608.f;
-    const float low = (float)(int32_t)p;
-    return low > p ? low - 1 : low;
-#endif
-}
 
 static void fill_outside(const Source *source, const int32_t *restrict inside, int n, void *out) {
 #define FILL(BITS)                                                                                                     \
@@ -197,4 +180,6 @@ static int rows(const Source *source, const PlaneField *field, const Target *tar
 #undef CALL
 }
 
-EXPORT const Loops PASTE(deformnb_loops, LEVEL) = {general, listed, slices, rows};
+int PASTE(deformnb_sum_lattice, LEVEL)(const LatticeSum *);
+
+EXPORT const Loops PASTE(deformnb_loops, LEVEL) = {general, listed, slices, rows, PASTE(deformnb_sum_lattice, LEVEL)};

@@ -1,4 +1,4 @@
-"""Structures that the compiled loops read, as ``native/voxel_warp.h`` declares them."""
+"""Structures that the compiled loops read, as ``native/loops.h`` declares them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,21 @@ VOXEL_TYPES = ("uint8", "int8", "uint16", "int16", "int32", "float32", "float64"
 
 METHODS = ("nearest", "linear", "cubic")
 """Names of the interpolation methods in the order of the enumeration in C."""
+
+KERNELS = (
+    "wendland_c0",
+    "wendland_c2",
+    "wendland_c4",
+    "gaussian",
+    "multiquadric",
+    "inverse_multiquadric",
+    "inverse_quadratic",
+    "linear",
+    "thin_plate",
+    "cubic",
+    "quintic",
+)
+"""Names of the radial functions in the order of ``native/radial_sums.c``."""
 
 _Address = ctypes.c_void_p
 _Int = ctypes.c_int64
@@ -72,10 +87,21 @@ class VoxelList(ctypes.Structure):
     _fields_: ClassVar = [("voxels", _Address), ("d", _Address), ("values", _Address), ("count", _Int)]
 
 
+class LatticeSum(ctypes.Structure):
+    """A sum over centres at the places of a lattice."""
+
+    _fields_: ClassVar = [
+        *((name, _Address) for name in ("row", "column", "center", "coefficient", "scale", "linear", "constant")),
+        *((name, _Address) for name in ("quadratic", "out")),
+        *((name, _Int) for name in ("rows", "columns", "count", "first", "stop")),
+        *((name, ctypes.c_int32) for name in ("dim", "kernel", "is_compact", "is_double", "derivatives")),
+    ]
+
+
 class Loops(ctypes.Structure):
     """The table of functions of one level of instructions."""
 
     _fields_: ClassVar = [
         (name, ctypes.CFUNCTYPE(ctypes.c_int, *(_Address,) * count))
-        for name, count in (("general", 3), ("listed", 2), ("slices", 3), ("rows", 3))
+        for name, count in (("general", 3), ("listed", 2), ("slices", 3), ("rows", 3), ("sum_lattice", 1))
     ]

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from deformnb import devices
 from deformnb._deferred import ndimage
 from deformnb._jax import as_numpy, blockwise, each, float64, jax, jit, jnp, lax, pytree
+from deformnb.native import sums
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
 CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
@@ -34,6 +35,11 @@ CULLED = 512
 def is_culled(kernel: type[AbstractKernel], count: Any) -> bool:
     """Check that tiles of places have lists of the centres that reach them."""
     return kernel.compact and int(count) >= CULLED
+
+
+def is_compiled(kernel: type[AbstractKernel]) -> bool:
+    """Check that sums are computed by loops compiled ahead (:mod:`deformnb.native.sums`), from leaves in float64."""
+    return kernel.name in BUILT_IN and devices.is_host() and sums.can_sum(kernel.name)
 
 
 # Centres that arrays of sums hold at least where loops over them end at their number, so that fewer would save nothing;
@@ -284,12 +290,40 @@ def _evaluate_lattice(
     what: Sum,
 ) -> NDArray[Any]:
     dim, n = rows.shape
+    if is_compiled(kernel):
+        return _sum_compiled(rows, columns, leaves, kernel, dtype, what)
     if is_culled(kernel, leaves.count):
         return _culled_lattice(rows, columns, leaves, kernel, dtype, what)
     padded = np.zeros((dim, few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
     padded[:, :n] = rows
     with float64():
         return as_numpy(_compiled_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what))[:, :n]
+
+
+def _sum_compiled(
+    rows: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    leaves: Leaves,
+    kernel: type[AbstractKernel],
+    dtype: Any,
+    what: Sum,
+) -> NDArray[Any]:
+    n = int(leaves.count)
+    found = sums.sum_lattice(
+        rows,
+        columns,
+        leaves.centers[:n],
+        leaves.coefficients[:n],
+        leaves.linear,
+        leaves.constant,
+        kernel.name,
+        scales=None if leaves.scales is None else leaves.scales[:n],
+        quadratic=leaves.quadratic,
+        dtype=dtype,
+        is_compact=kernel.compact,
+        derivatives=what is _jacobian,
+    )
+    return found.reshape(-1, *found.shape[-2:])
 
 
 def check_parts(components: Iterable[Any]) -> tuple[tuple[Any, ...], Any]:
@@ -347,6 +381,8 @@ def _evaluate_points(
     points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any, what: Sum
 ) -> NDArray[Any]:
     dim, n = points.shape
+    if is_compiled(kernel):
+        return _sum_compiled(np.zeros((dim, 1)), points, leaves, kernel, dtype, what)[:, 0]
     if is_culled(kernel, leaves.count) and n > 64:
         return _culled_points(points, leaves, kernel, dtype, what)
     block = 64 if n <= 64 else _BLOCK

@@ -362,7 +362,7 @@ def _cells(at: Places, axis: int, count: int) -> tuple[NDArray[np.int64], NDArra
 
 
 def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
-    """The field on a lattice: components x, y, z as three arrays (z, y, x), of NumPy or of JAX. Their reader checks that
+    """The field on a lattice: components x, y, z as three arrays (z, y, x), of NumPy or of JAX, whose reader checks that
     they are finite.
 
     A field that is evaluated is evaluated at every ``step``-th node along x only, and interpolated linearly in between.

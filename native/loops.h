@@ -1,8 +1,9 @@
-/* The jobs of the loops for voxels, as Python fills them in (deformnb/native/jobs.py has the same fields in the same
+/* The jobs of the loops, as Python fills them in (deformnb/native/jobs.py has the same fields in the same
    order). Arrays are [z, y, x]; axes 0, 1, 2 are z, y, x everywhere. */
-#ifndef VOXEL_WARP_H
-#define VOXEL_WARP_H
+#ifndef LOOPS_H
+#define LOOPS_H
 
+#include <math.h>
 #include <stdint.h>
 
 #if defined(_WIN32)
@@ -10,6 +11,23 @@
 #else
 #define EXPORT __attribute__((visibility("default")))
 #endif
+
+#define PASTE2(A, B) A##B
+#define PASTE(A, B) PASTE2(A, B)
+#define PRAGMA(TEXT) _Pragma(#TEXT)
+#define SIMD PRAGMA(omp simd)
+#define SIMD_REDUCTION(OPERATOR, NAME) PRAGMA(omp simd reduction(OPERATOR : NAME))
+
+static inline float floor_float(float p) {
+#if defined(__SSE4_1__) || !defined(__x86_64__)
+    return floorf(p);
+#else /* SSE2 has no such instruction; beyond these limits all places are outside */
+    p = p > -8388608.f ? p : -8388608.f;
+    p = p < 8388608.f ? p : 8388608.f;
+    const float low = (float)(int32_t)p;
+    return low > p ? low - 1 : low;
+#endif
+}
 
 enum { UINT8, INT8, UINT16, INT16, INT32, FLOAT32, FLOAT64, VOXEL_TYPES };
 enum { NEAREST, LINEAR, CUBIC, METHODS };
@@ -64,12 +82,25 @@ typedef struct {
     int64_t count;
 } VoxelList;
 
+/* A sum over centres, or its derivatives, at the places row + column of a lattice. */
+typedef struct {
+    const double *row, *column;         /* [dim][rows], [dim][columns] */
+    const double *center, *coefficient; /* [count][dim] */
+    const double *scale;                /* [count], relative to which distances are measured; NULL where all are 1 */
+    const double *linear, *constant;    /* [dim][dim], [dim] */
+    const double *quadratic;            /* [dim][dim][dim] or NULL */
+    void *out;                          /* [dim, or dim * dim derivatives][rows][columns] */
+    int64_t rows, columns, count, first, stop; /* rows from first to stop are computed */
+    int32_t dim, kernel, is_compact, is_double, derivatives;
+} LatticeSum;
+
 /* All return 0, 1 where there is no memory, or 2 where a displacement is not finite. */
 typedef struct {
     int (*general)(const Source *, const Field *, const Target *);
     int (*listed)(const Source *, const VoxelList *);
     int (*slices)(const Source *, const PlaneField *, const Target *);
     int (*rows)(const Source *, const PlaneField *, const Target *);
+    int (*sum_lattice)(const LatticeSum *);
 } Loops;
 
 #endif
