@@ -1,6 +1,6 @@
 # Every target calls ./run, which also works where there is no make: sh run TASK.
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench bundle docs mutants setup clean
+.PHONY: help demo test check bench native bundle docs mutants setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -16,6 +16,9 @@ check:  ## set up what is missing, then lint, check types and the direction of i
 
 bench:  ## set up what is missing, then compare the speed with other packages (ARGS="--size 128")
 	@sh run bench $(ARGS)
+
+native:  ## compile the loops over voxels and centres, where they have changed
+	@sh run native
 
 bundle:  ## bundle the JavaScript of the widgets, where it has changed (ARGS="--debug" for a debugger)
 	@sh run bundle $(ARGS)

@@ -21,7 +21,7 @@ _WIDE = ("int32", "float64")  # interpolated in float64, since float32 would cha
 Nodes = tuple[tuple[NDArray[np.int32], NDArray[np.float32]], ...]
 """Along z and y the first node that each voxel reads (n,), and the weights (taps, n) of the nodes from there."""
 
-Tables = Sequence[NDArray[Any]]
+PlaceTables = Sequence[NDArray[Any]]
 """For each output axis its part of the place along the three input axes (3, n)."""
 
 
@@ -52,8 +52,8 @@ class VoxelSource:
         dtype: np.dtype[Any],
         method: str,
         fill: Any,
-        whole: Tables,
-        part: Tables,
+        whole: PlaceTables,
+        part: PlaceTables,
         matrix: NDArray[Any],
         *,
         is_near: bool,

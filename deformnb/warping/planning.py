@@ -362,8 +362,8 @@ def _cells(at: Places, axis: int, count: int) -> tuple[NDArray[np.int64], NDArra
 
 
 def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
-    """The field on a lattice: components x, y, z as three arrays (z, y, x), of NumPy or of JAX, whose reader checks that
-    they are finite.
+    """The field on a lattice: components x, y, z as three arrays (z, y, x); their reader checks that they
+    are finite.
 
     A field that is evaluated is evaluated at every ``step``-th node along x only, and interpolated linearly in between.
     """

@@ -774,8 +774,9 @@ def test_a_document_of_an_earlier_version_replays_to_the_same_voxels(version: st
         # Where a value is at the middle between two whole numbers, another processor may round it the other way.
         assert np.abs(found - wanted).max() <= 1
         # A chain (1.3, 2.0, 2.1) is interpolated between nodes, at most a hundredth of a voxel off, where a voxel is
-        # some 40 grey levels of slope: 0.7 % of the values are rounded in the other direction.
-        assert (found != wanted).mean() < (1e-2 if version in ("1.3", "2.0", "2.1") else 1e-3)
+        # some 40 grey levels of slope: 0.7 % of the values are rounded in the other direction. In 1.1 a rigid motion
+        # leads to the middle between voxels, so that 0.3 % of the values are halves.
+        assert (found != wanted).mean() < {"1.1": 5e-3, "1.3": 1e-2, "2.0": 1e-2, "2.1": 1e-2}.get(version, 1e-3)
     if version < "2":
         assert {step.trend for step in deformation.steps} & {"affine_exact"}
         assert "box_diagonal" in {step.support for step in deformation.steps}

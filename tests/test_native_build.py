@@ -1,0 +1,48 @@
+"""The build of the compiled loops: only where sources have changed, and in a sentence where it cannot be."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+if not (ROOT / "native_build.py").exists():
+    pytest.skip("an installed package has no sources of the loops", allow_module_level=True)
+sys.path.insert(0, str(ROOT))
+import native_build  # noqa: E402
+
+
+def test_what_was_built_is_of_these_sources() -> None:
+    if not native_build.library_path().exists():
+        pytest.skip("no C compiler was there")
+    assert not native_build.is_stale()
+
+
+def test_a_changed_source_makes_the_library_stale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "loops.c").write_text("int a;", encoding="utf-8")
+    monkeypatch.setattr(native_build, "SOURCES", tmp_path)
+    before = native_build.digest()
+    (tmp_path / "loops.c").write_text("int b;", encoding="utf-8")
+    assert native_build.digest() != before
+
+
+def test_a_machine_without_a_compiler_is_told_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler")
+    monkeypatch.setattr(native_build.shutil, "which", lambda _: None)
+    monkeypatch.setattr(native_build.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(native_build.MissingCompilerError, match="pip install ziglang") as caught:
+        native_build.find_compiler()
+    assert caught.value.status == 3
+
+
+def test_a_compiler_that_fails_is_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("voxel_warp.c", "radial_sums.c", "levels.c"):
+        (tmp_path / name).write_text("this is no C", encoding="utf-8")
+    monkeypatch.setattr(native_build, "SOURCES", tmp_path)
+    monkeypatch.setattr(native_build, "FOLDER", tmp_path / "lib")
+    monkeypatch.setattr(native_build, "STAMP", tmp_path / "lib" / "sources.sha256")
+    with pytest.raises(native_build.CompilerError, match="do not compile"):
+        native_build.build()
+    assert not (tmp_path / "lib" / "sources.sha256").exists()
