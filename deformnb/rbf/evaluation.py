@@ -323,7 +323,7 @@ def _sum_compiled(
         is_compact=kernel.compact,
         derivatives=what is _jacobian,
     )
-    return found.reshape(-1, *found.shape[-2:])
+    return found.reshape(np.prod(found.shape[:-2], dtype=int), *found.shape[-2:])
 
 
 def check_parts(components: Iterable[Any]) -> tuple[tuple[Any, ...], Any]:
