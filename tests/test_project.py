@@ -96,7 +96,17 @@ def _requirements(*extras: str) -> dict[str, str]:
 def _imported(folder: Path) -> set[str]:
     """Distributions that the files of a folder import, anywhere in them, but for the standard library and our own."""
     own = {name for path in folder.rglob("*.py") for name in (path.stem, path.parent.name)}
-    own |= {"deformnb", "deformnb_lessons", "benchmarks", "browser", "mutants", "node_tasks", "scripts", folder.name}
+    own |= {
+        "deformnb",
+        "deformnb_lessons",
+        "benchmarks",
+        "browser",
+        "mutants",
+        "native_build",
+        "node_tasks",
+        "scripts",
+        folder.name,
+    }
     names = {name.partition(".")[0] for path in folder.rglob("*.py") for name in _import_names(path)}
     return {DISTRIBUTION.get(name, name).lower() for name in names - own - LEFT_OUT}
 
@@ -281,7 +291,7 @@ def test_texts_are_read_and_written_in_a_named_encoding(folder: str) -> None:
 
 
 def test_what_programs_print_is_read_in_a_named_encoding() -> None:
-    for path in (*sorted(PACKAGE.rglob("*.py")), ROOT / "node_tasks.py"):
+    for path in (*sorted(PACKAGE.rglob("*.py")), ROOT / "native_build.py", ROOT / "node_tasks.py"):
         for node in _nodes(path):
             if isinstance(node, ast.Call):
                 given = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}

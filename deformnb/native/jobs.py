@@ -11,7 +11,7 @@ VOXEL_TYPES = ("uint8", "int8", "uint16", "int16", "int32", "float32", "float64"
 METHODS = ("nearest", "linear", "cubic")
 """Names of the interpolation methods in the order of the enumeration in C."""
 
-KERNELS = (
+RADIAL_FUNCTIONS = (
     "wendland_c0",
     "wendland_c2",
     "wendland_c4",

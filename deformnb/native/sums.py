@@ -13,7 +13,7 @@ from deformnb.native import jobs, library
 
 def can_sum(kernel: str) -> bool:
     """Check that there are compiled loops for a kernel, by its name."""
-    return kernel in jobs.KERNELS and library.loops() is not None
+    return kernel in jobs.RADIAL_FUNCTIONS and library.loops() is not None
 
 
 def sum_lattice(
@@ -38,7 +38,7 @@ def sum_lattice(
     rows, columns : (dim, R) and (dim, C), of dimension 2 or 3.
     centers, coefficients : (n, dim) the x_j and a_j.
     linear, constant, quadratic : A (dim, dim), t (dim,), and H (dim, dim, dim) or None.
-    kernel : a name of :data:`~deformnb.native.jobs.KERNELS`.
+    kernel : a name of :data:`~deformnb.native.jobs.RADIAL_FUNCTIONS`.
     scales : (n,), or None where all are 1.
     dtype : of the sums, float32 or float64. Places are counted from the centres in float64 in any case.
     is_compact : the kernel is zero from a relative distance of 1 on, so that centres farther away are left out.
@@ -84,7 +84,7 @@ def sum_lattice(
         first=0,
         stop=rows.shape[1],
         dim=dim,
-        kernel=jobs.KERNELS.index(kernel),
+        kernel=jobs.RADIAL_FUNCTIONS.index(kernel),
         is_compact=is_compact,
         is_double=out.dtype == np.float64,
         derivatives=derivatives,

@@ -42,6 +42,11 @@ def is_compiled(kernel: type[AbstractKernel]) -> bool:
     return kernel.name in BUILT_IN and devices.is_host() and sums.can_sum(kernel.name)
 
 
+def leaves_type(kernel: type[AbstractKernel], dtype: Any) -> Any:
+    """The type of the :class:`Leaves` from which sums of a type are computed."""
+    return np.float64 if is_compiled(kernel) else dtype
+
+
 # Centres that arrays of sums hold at least where loops over them end at their number, so that fewer would save nothing;
 # those of a GPU go over all.
 _LEAST = 128

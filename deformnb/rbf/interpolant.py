@@ -37,11 +37,11 @@ from deformnb.rbf.evaluation import (
     evaluate_lattice,
     evaluate_points,
     evaluate_sequentially,
-    is_compiled,
     is_culled,
     jacobian_at_lattice,
     jacobian_at_points,
     lattice_on_device,
+    leaves_type,
     local_sums,
     pad_centers,
     profile_of,
@@ -324,7 +324,9 @@ class RBFInterpolant(AbstractInterpolant):
         relative, shape = self._relative(points)
         if self.is_identity:  # every studio starts with one, and nothing is compiled for it
             return np.zeros(shape)
-        return evaluate_points(relative, self._leaves_to_sum(dtype), self.kernel, dtype).T.reshape(shape)
+        return evaluate_points(relative, self._leaves(leaves_type(self.kernel, dtype)), self.kernel, dtype).T.reshape(
+            shape
+        )
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """dD/dx at points (..., dim): ``A/R + (2/R^2) sum_j alpha_j phi'(s_j) (x - x_j)^T`` with phi of s = rho^2.
@@ -349,7 +351,7 @@ class RBFInterpolant(AbstractInterpolant):
         if self.is_identity:
             return np.zeros((self.dim, self.dim, first.shape[1], other.shape[1]), np.float32)
         dtype = self.derivative_type(_reach(first, other))
-        d = jacobian_at_lattice(first, other, self._leaves_to_sum(dtype), self.kernel, dtype)
+        d = jacobian_at_lattice(first, other, self._leaves(leaves_type(self.kernel, dtype)), self.kernel, dtype)
         return np.asarray(d / self.support, dtype=np.float32)
 
     def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
@@ -358,7 +360,8 @@ class RBFInterpolant(AbstractInterpolant):
             return np.zeros((self.dim, first.shape[1], other.shape[1]), np.float32)
         dtype = self.type_within(_reach(first, other), resolution)
         return np.asarray(
-            evaluate_lattice(first, other, self._leaves_to_sum(dtype), self.kernel, dtype), dtype=np.float32
+            evaluate_lattice(first, other, self._leaves(leaves_type(self.kernel, dtype)), self.kernel, dtype),
+            dtype=np.float32,
         )
 
     def evaluate_on_device(self, lattice: Grid | Raster) -> tuple[tuple[Any, ...], Any]:
@@ -428,9 +431,6 @@ class RBFInterpolant(AbstractInterpolant):
         return RadialSum(
             self._leaves(dtype), np.asarray(self.origin, np.float64), np.float64(1 / self.support), self.kernel
         )
-
-    def _leaves_to_sum(self, dtype: Any) -> Leaves:
-        return self._leaves(np.float64 if is_compiled(self.kernel) else dtype)
 
     def _leaves(self, dtype: Any) -> Leaves:
         if self.is_culled:

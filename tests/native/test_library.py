@@ -54,5 +54,5 @@ def test_names_have_the_order_of_the_enumerations() -> None:
     )
     assert tuple(map(str.lower, re.findall(r"enum \{ ([A-Z, ]+), METHODS", header)[0].split(", "))) == jobs.METHODS
     kernels = (SOURCES / "radial_sums.c").read_text(encoding="utf-8")
-    assert tuple(re.findall(r"DO\((\w+)\)", kernels)) == jobs.KERNELS
+    assert tuple(re.findall(r"DO\((\w+)\)", kernels)) == jobs.RADIAL_FUNCTIONS
     assert ctypes.sizeof(jobs.Source) % 8 == 0

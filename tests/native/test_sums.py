@@ -22,14 +22,14 @@ def level(request: pytest.FixtureRequest) -> Any:
 
 
 def test_every_kernel_of_the_package_has_its_loop() -> None:
-    assert set(jobs.KERNELS) == set(BUILT_IN)
+    assert set(jobs.RADIAL_FUNCTIONS) == set(BUILT_IN)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("kernel", jobs.KERNELS)
+@pytest.mark.parametrize("kernel", jobs.RADIAL_FUNCTIONS)
 def test_sums_and_their_derivatives_follow_the_definition(kernel: str, dim: int, dtype: Any) -> None:
-    rng, kind = np.random.default_rng([jobs.KERNELS.index(kernel), dim]), KERNELS[kernel]
+    rng, kind = np.random.default_rng([jobs.RADIAL_FUNCTIONS.index(kernel), dim]), KERNELS[kernel]
     for count in (0, 1, 2, 40):
         for along_one_axis in (True, False):
             rows, columns = rng.uniform(0, 1, (dim, 37)), rng.uniform(-0.2, 0.2, (dim, 150))
