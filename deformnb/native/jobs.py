@@ -8,7 +8,7 @@ from typing import ClassVar
 VOXEL_TYPES = ("uint8", "int8", "uint16", "int16", "int32", "float32", "float64")
 """Names of the voxel types in the order of the enumeration in C. Bool voxels are given as uint8."""
 
-METHODS = ("nearest", "linear", "cubic")
+INTERPOLATIONS = ("nearest", "linear", "cubic")
 """Names of the interpolation methods in the order of the enumeration in C."""
 
 RADIAL_FUNCTIONS = (

@@ -36,7 +36,7 @@ class VoxelSource:
     ----------
     samples : [z, y, x] the voxels, or for "cubic" the coefficients of the spline in float32 or float64.
     dtype : of the voxels; bool as uint8.
-    method : a name of :data:`~deformnb.native.jobs.METHODS`.
+    method : a name of :data:`~deformnb.native.jobs.INTERPOLATIONS`.
     fill : the voxel of places outside.
     whole, part : the place of output voxel (k, j, i) along input axis a is ``sum over o of whole[o][a, index o] +
         part[o][a, index o]``; whole numbers and the rest.
@@ -79,7 +79,7 @@ class VoxelSource:
             shape=samples.shape,
             fill=self._fill.ctypes.data,
             voxel_type=jobs.VOXEL_TYPES.index(dtype.name),
-            method=jobs.METHODS.index(method),
+            method=jobs.INTERPOLATIONS.index(method),
             is_wide=not is_near,
             is_straight=is_straight,
             whole=tuple(t.ctypes.data for t in tables[0]),
@@ -181,7 +181,7 @@ class VoxelSource:
             raise ValueError(f"maps {maps.shape} are not those of slices {across}.")
         if not 0 <= first <= self.shape[normal] - self.output[normal]:
             raise ValueError(f"the input has no {self.output[normal]} slices from {first} on.")
-        is_row = weights is None and self._job.method != jobs.METHODS.index("cubic")
+        is_row = weights is None and self._job.method != jobs.INTERPOLATIONS.index("cubic")
         if weights is None:
             if len(maps) != 1:
                 raise ValueError(f"{len(maps)} maps need weights.")

@@ -52,7 +52,9 @@ def test_names_have_the_order_of_the_enumerations() -> None:
     assert tuple(map(str.lower, re.findall(r"enum \{ ([A-Z0-9, ]+), VOXEL_TYPES", header)[0].split(", "))) == (
         jobs.VOXEL_TYPES
     )
-    assert tuple(map(str.lower, re.findall(r"enum \{ ([A-Z, ]+), METHODS", header)[0].split(", "))) == jobs.METHODS
+    assert (
+        tuple(map(str.lower, re.findall(r"enum \{ ([A-Z, ]+), METHODS", header)[0].split(", "))) == jobs.INTERPOLATIONS
+    )
     kernels = (SOURCES / "radial_sums.c").read_text(encoding="utf-8")
     assert tuple(re.findall(r"DO\((\w+)\)", kernels)) == jobs.RADIAL_FUNCTIONS
     assert ctypes.sizeof(jobs.Source) % 8 == 0
