@@ -21,7 +21,7 @@ import {
   StandalonePage,
   showAlert,
 } from "./standalone_page.ts";
-import type { Plane, Point, Values, Vector2 } from "./types.ts";
+import type { Plane, Point, Values } from "./types.ts";
 import { buttonElement, OWN_KEYS, pageElement, saveFile, viewOf } from "./ui/dom.ts";
 import { localize, showInLanguage } from "./ui/words.ts";
 import type { LiveVolumeView } from "./view/live_view.ts";
@@ -196,7 +196,7 @@ async function greyPicture(volume: Volume, about: Measured, plane: Plane) {
   const { rgba, facts } = packedPicture(pixels, pictureWindow(pixels, volume, about));
   const image = await pngOf(rgba, wide, high),
     [black, white] = facts.window,
-    [low, most] = facts.range as Vector2;
+    [low, most] = facts.range!;
   const numbers = facts.channels === 1 ? 255 : 65535,
     seen = new Uint8ClampedArray(rgba.length);
   for (let k = 0; k < rgba.length; k += 4) {

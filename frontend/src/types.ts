@@ -50,7 +50,13 @@ export type Matrix3 = [Vector3, Vector3, Vector3];
 export type Matrix = [Vector, Vector, ...Vector[]];
 
 /** A control point of a picture (two coordinates) or of a volume (three). */
-export type Point = PointData;
+export interface Point<V extends Vector = Vector> extends PointData {
+  source: V;
+  target: V;
+}
+
+export type PicturePoint = Point<Vector2>;
+export type SpacePoint = Point<Vector3>;
 
 export type OutlineData = PolygonData | LineData;
 
@@ -235,7 +241,7 @@ export interface FlatPoint {
   target: Vector2;
   away: number;
   isFar: boolean;
-  whole: Point;
+  whole: SpacePoint;
 }
 
 /** A mirror: in a picture the coordinate that changes its sign, in space the normal of its plane; `at` along that. */
@@ -279,7 +285,7 @@ export interface BusEvents {
 export interface Bus extends EventTarget {
   latest: PointsDetail | null;
   owners: number;
-  sender?: Sender | null;
+  sender?: Sender<Vector> | null;
   /** The number of open views of an editor. */
   views?: number;
   clock?: PlayClock;

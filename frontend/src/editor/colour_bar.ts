@@ -156,10 +156,7 @@ export class ColourBar {
     if (!way || !window) return;
     event.preventDefault();
     windowTool.put(
-      this.#moveValue(
-        k,
-        window[k]! + way * KEY_STEPS[event.shiftKey ? 1 : 0]! * (this.ends[1]! - this.ends[0]!),
-      ) as Vector2,
+      this.#moveValue(k, window[k]! + way * KEY_STEPS[event.shiftKey ? 1 : 0]! * (this.ends[1]! - this.ends[0]!)),
     );
     windowTool.keep();
   }
@@ -171,7 +168,7 @@ export class ColourBar {
         picture: { painter },
       } = this.editor,
       step = windowStep(painter.source?.grey?.range ?? [0, 1]);
-    const [low, high] = (windowTool.window ?? [0, 1]) as Vector2,
+    const [low, high]: Vector2 = windowTool.window ?? [0, 1],
       rounded = Number((Math.round(value / step) * step).toPrecision(15));
     return k === 0 ? [Math.min(rounded, high - step), high] : [low, Math.max(rounded, low + step)];
   }

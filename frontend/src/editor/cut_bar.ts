@@ -5,7 +5,7 @@
 import { newPoint } from "../maths/points.ts";
 import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.ts";
 import { setTrait } from "../sync/edits.ts";
-import type { RegionData, Vector2 } from "../types.ts";
+import type { RegionData } from "../types.ts";
 import { OptionBar } from "./option_bar.ts";
 import type { EditorParts } from "./parts.ts";
 export type LineRegion = Extract<RegionData, { vertices: number[][] }>;
@@ -93,7 +93,7 @@ export class CutBar {
     let id = editor.points.nextId(),
       count = 0;
     for (const place of placesAlong(region.vertices, isClosed ? CLOSED_POINTS : OPEN_POINTS, isClosed)) {
-      const source = editor.map.visiblePlace(place as Vector2);
+      const source = editor.map.visiblePlace(place);
       if (source !== null) made.push(newPoint(id++, source, place, `outline ${++count}`));
     }
     if (!pointTools.edit(made, "add")) return;
@@ -113,7 +113,7 @@ export class CutBar {
     const made = [...editor.points.list];
     let id = editor.points.nextId();
     for (const { from, to } of pulled) {
-      const source = editor.map.visiblePlace(from as Vector2);
+      const source = editor.map.visiblePlace(from);
       if (source === null) {
         editor.messages.hint("It is open already: drag its points to pull further", 4000);
         return;
@@ -121,7 +121,7 @@ export class CutBar {
       made.push(newPoint(id++, source, to));
     }
     for (const place of held) {
-      const source = editor.map.visiblePlace(place as Vector2);
+      const source = editor.map.visiblePlace(place);
       const isNear = editor.points.list.some(({ target: [a, b] }) => Math.hypot(a - place[0], b - place[1]) < near);
       if (source !== null && !isNear) made.push(newPoint(id, source, place, `hold ${id++}`));
     }

@@ -5,7 +5,7 @@ import { foldsOf, probesOf } from "../maths/folds.ts";
 import { samePoints } from "../maths/points.ts";
 import { RBF_KERNELS, RbfError } from "../maths/rbf.ts";
 import { publishPoints, settingsOf } from "../sync/bus.ts";
-import type { FitSettings, LayeredFit, Point, Shapes, Vector, Vector2 } from "../types.ts";
+import type { FitSettings, LayeredFit, PicturePoint, Shapes, Vector, Vector2 } from "../types.ts";
 import type { PictureSource } from "./painter.ts";
 import type { EditorParts } from "./parts.ts";
 
@@ -25,7 +25,7 @@ export class EditedMap {
   error = ""; // the reason why the points cannot be fitted
 
   /** The last fit, and its input. */
-  made: { points: Point[]; settings: FitSettings; layered: LayeredFit } | null = null;
+  made: { points: PicturePoint[]; settings: FitSettings; layered: LayeredFit } | null = null;
 
   /** The last good fit that is shown. */
   layered: LayeredFit | null = null;
@@ -88,7 +88,7 @@ export class EditedMap {
    * that a check of folds let pass, and its drop, are fitted once.
    * @throws {RbfError} where there is none
    */
-  fitOf(points: Point[], shapes?: Partial<Shapes>): LayeredFit {
+  fitOf(points: PicturePoint[], shapes?: Partial<Shapes>): LayeredFit {
     const { made } = this,
       settings = { ...this.settings, ...shapes };
     const names = Object.keys({ ...settings, ...made?.settings }) as (keyof FitSettings)[];

@@ -1,17 +1,18 @@
 // The points and shapes of one view of an editor, as they are during a drag, and which of them are selected.
 
 import { nextId } from "../maths/points.ts";
-import { RestingTrait } from "../sync/edits.ts";
-import type { Point, Shapes } from "../types.ts";
+import { RestingTrait, type Sender } from "../sync/edits.ts";
+import type { Point, Shapes, Vector } from "../types.ts";
 import type { Parts } from "./parts.ts";
 
 /** Dependencies of the points on the editor. */
-export type PointsEditor = Pick<Parts, "model" | "sender" | "frames" | "messages"> & {
+export type PointsEditor<V extends Vector> = Pick<Parts, "model" | "frames" | "messages"> & {
+  sender: Sender<V>;
   picture?: { readonly isBefore: boolean };
 };
 
-export class EditedPoints {
-  list: Point[];
+export class EditedPoints<V extends Vector> {
+  list: Point<V>[];
   shapes: Shapes;
   selected: Set<number>;
   selection: RestingTrait;
@@ -22,7 +23,7 @@ export class EditedPoints {
   /** Called when points are selected: then no shape is chosen. */
   onSelect: () => void = () => {};
 
-  constructor(readonly editor: PointsEditor) {
+  constructor(readonly editor: PointsEditor<V>) {
     const { model, sender } = editor;
     this.list = sender.points;
     this.shapes = sender.shapes;

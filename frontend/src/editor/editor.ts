@@ -6,7 +6,7 @@ import type { EditorToFrontEnd } from "../generated.ts";
 import { samePoints } from "../maths/points.ts";
 import { busOf } from "../sync/bus.ts";
 import type { Change } from "../sync/edits.ts";
-import type { LayeredFit, Model, Point, PointsDetail, Vector2 } from "../types.ts";
+import type { LayeredFit, Model, PicturePoint, PointsDetail } from "../types.ts";
 import { beforeActionOutside } from "../ui/dom.ts";
 import { HelpPanel } from "../ui/keys.ts";
 import { Toolbar } from "../ui/toolbar.ts";
@@ -227,7 +227,7 @@ export class EditorView extends EditorDrawing {
       return;
     }
     map.isFollowing = true; // only the view in which the user drags publishes points
-    points.list = list;
+    points.list = list as PicturePoint[];
     points.shapes = { cuts: settings.cuts ?? [], parts: settings.parts ?? [] };
     map.invalidate(true);
   }
@@ -307,7 +307,7 @@ export class EditorView extends EditorDrawing {
     const { layers, points, stage, viewport } = this.parts,
       p = points.withId(id);
     if (!p) return;
-    viewport.lookAt(p.target as Vector2);
+    viewport.lookAt(p.target);
     stage.element.scrollIntoView({ block: "nearest" }); // a request from a table below: it may be out of sight
     layers.handles.blink([id]);
   }
@@ -364,7 +364,7 @@ export class EditorView extends EditorDrawing {
     layers.handles.suspects = new Set(model.get("marked") ?? []);
     layers.nodes.update(fit);
     const shown = layers.nodes.magnify(points.list),
-      marks = (p: Point) => tools.shapes.markOf(p);
+      marks = (p: PicturePoint) => tools.shapes.markOf(p);
     if (layers.handles.update(shown, points.selected, viewport.view, radius, reach, marks) || lost.length)
       stage.focus();
     layers.marks.update({

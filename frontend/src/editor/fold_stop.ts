@@ -3,13 +3,13 @@
 import { NEARLY_FOLDED } from "../generated.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
 import { RbfError } from "../maths/rbf.ts";
-import type { Point, Shapes, Vector2 } from "../types.ts";
+import type { PicturePoint, Shapes } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
 /** The input of a fit */
-export type MapState = { points: Point[]; shapes: Shapes };
+export type MapState = { points: PicturePoint[]; shapes: Shapes };
 
 const HOLD_WORK = 6e4,
-  HOLD_NODES = [9, 33]; // evaluations of a kernel for one check, and nodes of a side of its lattice
+  HOLD_NODES = [9, 33] as const; // evaluations of a kernel for one check, and nodes of a side of its lattice
 
 /** Dependencies of the stop on the editor. */
 export type FoldStopEditor = EditorParts<"model" | "points" | "map" | "picture">;
@@ -37,7 +37,7 @@ export class FoldStop {
     const { editor } = this;
     try {
       const layered = editor.map.fitOf(points, shapes);
-      const [few, many] = HOLD_NODES as Vector2;
+      const [few, many] = HOLD_NODES;
       const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
       return foldsOf(
         layered,

@@ -1,7 +1,7 @@
 // A press or a drag of a pointer; each kind of gesture is a class. Those of both editors are here.
 
 import { turnOfDrag } from "../maths/points.ts";
-import type { Vector2 } from "../types.ts";
+import type { Vector, Vector2 } from "../types.ts";
 import type { EditedPoints } from "./edited_points.ts";
 import type { Viewport } from "./viewport.ts";
 
@@ -108,7 +108,7 @@ export class BandGesture extends ClickGesture {
   /** @param adds whether the selection before stays */
   constructor(
     from: Vector2,
-    private readonly points: EditedPoints,
+    private readonly points: EditedPoints<Vector>,
     adds: boolean,
     act: { show: (band: Band | null) => void; inside: (band: Band) => number[]; click?: () => void; end?: () => void },
   ) {
@@ -155,7 +155,7 @@ export class PointsGesture extends Gesture {
     event: PointerEvent,
     from: Vector2,
     private readonly grabbed: GrabbedPoint,
-    private readonly points: EditedPoints,
+    private readonly points: EditedPoints<Vector>,
     isSelecting: boolean,
     private readonly dragger: PointDragger,
   ) {

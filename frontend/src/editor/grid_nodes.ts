@@ -6,7 +6,7 @@
 
 import { newPoint, placeBetween } from "../maths/points.ts";
 import { gridPlaces, gridShape } from "../maths/warp_map.ts";
-import type { LayeredFit, Point, Vector2 } from "../types.ts";
+import type { LayeredFit, PicturePoint, Vector2 } from "../types.ts";
 import { ARROWS, OWN_KEYS, setAttributes, setText, slackOf, svgElement } from "../ui/dom.ts";
 import type { EditorParts } from "./parts.ts";
 export type GridPlaces = ReturnType<typeof gridPlaces>;
@@ -91,7 +91,7 @@ export class GridNodes {
   /**
    * The points with their displacements times the strength, so that they lie on the grid next to its nodes.
    */
-  magnify(points: Point[]) {
+  magnify(points: PicturePoint[]) {
     const strength = this.editor.map.strength;
     if (strength === 1 || !this.isOn) return points;
     return points.map((p) => ({ ...p, target: placeBetween(p.source, p.target, strength) }));
@@ -192,7 +192,7 @@ export class GridNodes {
         model,
       } = this.editor,
       [a0, a1, b0, b1] = box;
-    const [across, down] = gridShape(box, model.get("density")) as Vector2;
+    const [across, down] = gridShape(box, model.get("density"));
     const near = NODE_SAME * Math.hypot(a1 - a0, b1 - b0),
       held = new Set();
     for (const {

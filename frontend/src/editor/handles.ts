@@ -1,6 +1,7 @@
 // The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it shall be.
 // Their shapes differ as well as their colours: ring = source, disc = target, hollow square = switched off.
 
+import { difference } from "../maths/camera.ts";
 import { formatLength } from "../maths/numbers.ts";
 import { middleOf } from "../maths/points.ts";
 import type { Mirror, Vector, Vector2 } from "../types.ts";
@@ -28,7 +29,7 @@ export interface MarksScene {
   view: View;
   /** CSS pixels from the edge of the view to the grip of the axis */
   gripAway?: number;
-  points: { id: number; target: Vector; locked?: boolean }[];
+  points: { id: number; target: Vector2; locked?: boolean }[];
   selected: Set<number>;
   brush: { isOn: boolean; at?: Vector2 | null; radius?: number };
   pen: { isOn: boolean };
@@ -104,11 +105,9 @@ export function pointLabel(p: DrawnPoint) {
 
 /** The text where the mouse rests on a point. */
 function pointTip(p: DrawnPoint, reach: number) {
-  const by = p.target.map((value, k) => value - p.source[k]!) as Vector2;
-  const place = (at: Vector2) => at.map(formatLength).join(", ");
-  const drag = by.some((value) => value !== 0)
-    ? `dragged by ${place(by)} from ${place(p.source as Vector2)}`
-    : "not dragged";
+  const by = difference(p.target, p.source);
+  const place = (at: Vector) => at.map(formatLength).join(", ");
+  const drag = by.some((value) => value !== 0) ? `dragged by ${place(by)} from ${place(p.source)}` : "not dragged";
   const state = !p.active ? "; switched off" : reach ? `; reaches ${formatLength(reach)}` : "";
   return `${p.name || `point ${p.id}`}: ${drag}${state}`;
 }
@@ -450,8 +449,8 @@ export class ToolMarks {
     const isShown = chosen.length > 0 && !isLocked && !isHolding && !brush.isOn && !pen.isOn && !isAdding;
     this.turn.setAttribute("visibility", isShown ? "visible" : "hidden");
     if (!isShown) return;
-    const [x, y] = toView(middleOf(chosen) as Vector2),
-      ys = chosen.map((p) => toView(p.target as Vector2)[1]);
+    const [x, y] = toView(middleOf(chosen)),
+      ys = chosen.map((p) => toView(p.target)[1]);
     const up = Math.min(...ys) - TURN_AWAY,
       down = Math.max(...ys) + TURN_AWAY;
     const end = up > 12 ? up : Math.min(view.height - 12, down);

@@ -3,7 +3,7 @@
 import { mirrorEdit, mirrorSide } from "../maths/points.ts";
 import { findVisiblePlace } from "../maths/warp_map.ts";
 import { setTrait } from "../sync/edits.ts";
-import type { Point, Vector } from "../types.ts";
+import type { PicturePoint, Vector } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
 
 /** Dependencies of the mirror on the editor. */
@@ -69,7 +69,7 @@ export class PointMirror {
    * @param lead the side that decides, or 0
    * @param holds whether new points hold the visible tissue, on both sides
    */
-  edit(before: Point[], after: Point[], lead: number = 0, holds: boolean = false) {
+  edit(before: PicturePoint[], after: PicturePoint[], lead: number = 0, holds: boolean = false) {
     const { map, picture, points } = this.editor,
       { layered } = map,
       { state } = this,

@@ -3,7 +3,7 @@
 
 import { formatLength } from "../maths/numbers.ts";
 import { movePlace, pivotOf, shapeName, turnAndShift } from "../maths/shapes.ts";
-import type { PartData, Vector2 } from "../types.ts";
+import type { PartData } from "../types.ts";
 import { OWN_KEYS, setAttributes, svgElement, treeOf } from "../ui/dom.ts";
 import type { View } from "./painter.ts";
 import { farthest } from "./shape_handles.ts";
@@ -80,7 +80,7 @@ export class MotionHandles {
     for (const group of [this.ring, this.root]) setAttributes(group, { visibility: part ? "visible" : "hidden" });
     for (const handle of [this.knob, this.cross]) setAttributes(handle, { tabindex: part ? "0" : "-1" });
     if (!part) return isLost;
-    const pivot = pivotOf(part) as Vector2,
+    const pivot = pivotOf(part),
       at = movePlace(part.motion, pivot),
       [u, v] = [k * at[0] + x, k * at[1] + y];
     const { angle } = turnAndShift(part),

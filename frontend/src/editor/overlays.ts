@@ -499,7 +499,7 @@ export class Overlay {
 
   /** A ring around the place where the map folds most. */
   #mark(folds: Folds | null) {
-    const place = folds && folds.least <= 0 ? (folds.place as Vector2) : null;
+    const place = folds && folds.least <= 0 ? folds.place : null;
     setAttributes(this.worst, { visibility: place ? "visible" : "hidden" });
     if (!place) return;
     const [x, y] = this.editor.viewport.toView(place);
@@ -518,7 +518,7 @@ export class Overlay {
       air = 22; // CSS pixels: a disc, and from it to the edge
     const wide = this.key.offsetWidth + air,
       high = this.key.offsetHeight + air;
-    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.viewport.toView(at as Vector2));
+    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.viewport.toView(at));
     const hidden = ([row, column]: string[]) =>
       places.filter(
         ([x, y]) => (column === "left" ? x < wide : x > width - wide) && (row === "top" ? y < high : y > height - high),

@@ -1,5 +1,6 @@
 // Painting of a warped picture and its grid on a 2D canvas.
 
+import { mapVector } from "../maths/camera.ts";
 import { chosenPlace, coverage, marginOf } from "../maths/cuts.ts";
 import { fieldOnRaster, isStill } from "../maths/rigid_stages.ts";
 import { sampledFits } from "../maths/sampled_fit.ts";
@@ -415,7 +416,7 @@ export class Painter {
     const shrink = Math.min(size / raster.spacing[0], size / raster.spacing[1]);
     const level = Math.max(0, Math.min(8, Math.floor(Math.log2(shrink) + 0.5)));
     const part2 = 2 ** level,
-      scale = raster.spacing.map((value) => 1 / (value * part2)) as Vector2,
+      scale = mapVector(raster.spacing, (value) => 1 / (value * part2)),
       shift = 0.5 / part2 - 0.5;
     const moves: Float32Array[] = [];
     const cutFit = fit && fit.regions.length > 0 ? fit : null,
@@ -952,7 +953,7 @@ function lookUpLayers(
       plan,
       nodes: { columns },
     } = layers,
-    seen = [0, 0, 1],
+    seen: Vector3 = [0, 0, 1],
     right = width - 1,
     bottom = height - 1;
   const empty = OPAQUE | (paper[2]! << 16) | (paper[1]! << 8) | paper[0]!;
@@ -974,7 +975,7 @@ function lookUpLayers(
       }
       for (; x < last; x++) {
         layers.look(cell, (x - first) / lattice, t, seen);
-        const [u, v, opacity] = seen as Vector3;
+        const [u, v, opacity] = seen;
         if (opacity === 0) {
           out[y * w + x] = empty;
           continue;

@@ -15,7 +15,7 @@ import {
   turnAndShift,
   updateShape,
 } from "../maths/shapes.ts";
-import type { PartData, Point, Shapes, Vector2 } from "../types.ts";
+import type { PartData, PicturePoint, Shapes, Vector2 } from "../types.ts";
 import type { PartHandle } from "./motion_handles.ts";
 import { MotionHandles } from "./motion_handles.ts";
 import type { EditorParts } from "./parts.ts";
@@ -23,14 +23,14 @@ import type { EditorParts } from "./parts.ts";
 /**
  * A part being moved: all shapes, its carried points with it, and the ids of those that contradict it.
  */
-export type PartState = { shapes: Shapes; points: Point[]; held: number[] };
+export type PartState = { shapes: Shapes; points: PicturePoint[]; held: number[] };
 
 /** The state before a drag, and that which is shown now. */
 export type PartDrag = {
   part: PartData;
   index: number;
   handle: PartHandle;
-  points: Point[];
+  points: PicturePoint[];
   shapes: Shapes;
   wasFine: boolean;
   start: Vector2;
@@ -79,7 +79,12 @@ export class PartTools {
   /**
    * The state with a part of another motion. Points that contradict it there are left out until the user has decided.
    */
-  #stateOf(before: PartData, after: PartData, index: number, start: { points: Point[]; shapes: Shapes }): PartState {
+  #stateOf(
+    before: PartData,
+    after: PartData,
+    index: number,
+    start: { points: PicturePoint[]; shapes: Shapes },
+  ): PartState {
     const shapes = { ...start.shapes, parts: updateShape(start.shapes.parts, index, after) },
       strength = this.editor.map.strength;
     const points = carryPoints(start.points, before, after);
@@ -216,7 +221,7 @@ export class PartTools {
     if (!own || editor.points.isLocked) return;
     const { part, index } = own,
       by: Vector2 = [dx * pixels * du, dy * pixels * dv];
-    const after = handle === "pivot" ? this.#movePivot(part, [0, 0], by)(1) : movePart(part, [0, 0], by as Vector2)(1);
+    const after = handle === "pivot" ? this.#movePivot(part, [0, 0], by)(1) : movePart(part, [0, 0], by)(1);
     const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`;
     this.#edit(part, after, index, kind, { join: `${handle} part ${index}` });
     editor.frames.drawNow();
@@ -255,7 +260,7 @@ export class PartTools {
 }
 
 /** The points with some of them switched off. */
-function deactivate(points: Point[], ids: number[]) {
+function deactivate(points: PicturePoint[], ids: number[]) {
   return ids.length ? updatePoints(points, ids, () => ({ active: false })) : points;
 }
 

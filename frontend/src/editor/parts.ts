@@ -1,7 +1,7 @@
 // The parts of the editor of a picture, and the type of those that one of them uses.
 
 import type { Sender } from "../sync/edits.ts";
-import type { Bus, Model, Point } from "../types.ts";
+import type { Bus, Model, PicturePoint, Vector2 } from "../types.ts";
 import type { HelpPanel } from "../ui/keys.ts";
 import type { Toolbar } from "../ui/toolbar.ts";
 import type { EditorTheme } from "./base.ts";
@@ -72,7 +72,7 @@ export interface Layers {
   grid: GridLayer;
   ghost: Ghost;
   overlay: Overlay;
-  handles: Handles<Point>;
+  handles: Handles<PicturePoint>;
   marks: ToolMarks;
   nodes: GridNodes;
 }
@@ -91,14 +91,14 @@ export interface Panels {
 export interface Parts {
   model: Model;
   bus: Bus;
-  sender: Sender;
+  sender: Sender<Vector2>;
   messages: Messages;
   frames: Frames;
   theme: EditorTheme;
   commands: Commands;
   stage: Stage;
   viewport: Viewport;
-  points: EditedPoints;
+  points: EditedPoints<Vector2>;
   map: EditedMap;
   picture: ShownPicture;
   tools: Tools;

@@ -4,7 +4,7 @@ import type { PointsEdit } from "../generated.ts";
 import { freeIds, includeRims, placeBetween, translatePoints } from "../maths/points.ts";
 import { rbfLabel } from "../maths/rbf.ts";
 import { findConflicts, partLabel } from "../maths/rigid_stages.ts";
-import type { PartData, Point, Vector2 } from "../types.ts";
+import type { PartData, PicturePoint, Point, Vector2 } from "../types.ts";
 import type { Moved, PointDragger } from "./gesture.ts";
 import type { EditorParts } from "./parts.ts";
 
@@ -14,14 +14,15 @@ export type Held = { point: Point; part: PartData };
  * The part of a drag from `before` to `points` after which a point would enter a rigid part and contradict its motion.
  */
 function limitMove(
-  before: Point[],
-  points: Point[],
+  before: PicturePoint[],
+  points: PicturePoint[],
   parts: PartData[],
   strength: number,
-): { points: Point[]; held: Held[] } {
+): { points: PicturePoint[]; held: Held[] } {
   if (!parts.length) return { points, held: [] };
   const was = new Set(findConflicts(before, parts, strength).map(({ point }) => point.id));
-  const conflicts = (given: Point[]) => findConflicts(given, parts, strength).filter(({ point }) => !was.has(point.id));
+  const conflicts = (given: PicturePoint[]) =>
+    findConflicts(given, parts, strength).filter(({ point }) => !was.has(point.id));
   const held = conflicts(points);
   if (!held.length) return { points, held };
   const then = new Map(points.map((p) => [p.id, p]));
@@ -49,7 +50,7 @@ export type DragEditor = EditorParts<
 
 export class PointDrag implements PointDragger {
   /** The points before a drag, null while there is none. */
-  drag0: Point[] | null = null;
+  drag0: PicturePoint[] | null = null;
   isLive = false; // whether moving points have not been sent yet
   isSent = false; // whether points of this drag have been sent
 
@@ -58,7 +59,7 @@ export class PointDrag implements PointDragger {
   }
 
   /** Begin a drag of these points, which may have one more than the editor. */
-  beginDrag(points: Point[] = this.editor.points.list) {
+  beginDrag(points: PicturePoint[] = this.editor.points.list) {
     const { editor } = this;
     if (editor.points.isLocked) return false;
     editor.points.list = points;
@@ -90,7 +91,7 @@ export class PointDrag implements PointDragger {
   /**
    * Show moving points, `make(before, 1)` of them, or as far as parts and folds let them go; with 0 it is the start.
    */
-  show(make: (before: Point[], share: number) => Point[]) {
+  show(make: (before: PicturePoint[], share: number) => PicturePoint[]) {
     const { drag0, editor } = this,
       shapes = editor.points.shapes;
     if (!drag0) return;
@@ -102,7 +103,7 @@ export class PointDrag implements PointDragger {
     this.follow(points);
   }
 
-  follow(points: Point[]) {
+  follow(points: PicturePoint[]) {
     this.editor.points.list = points;
     this.editor.map.invalidate(true);
     this.isLive = true;
@@ -144,7 +145,7 @@ export class PointDrag implements PointDragger {
     const p = this.drag0?.find((q) => q.id === id),
       { snap } = this.editor.tools.points;
     if (!p || isLoose || what === "both" || !(snap.step > 0)) return way;
-    const [a, b] = p[what] as Vector2,
+    const [a, b] = p[what],
       to = snap.placeOf([a + way[0], b + way[1]]);
     return [to[0] - a, to[1] - b];
   }

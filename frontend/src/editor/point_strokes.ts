@@ -37,7 +37,7 @@ export class PointStrokes {
         box: editor.picture.box,
         reach: typeof settings.support === "number" ? settings.support : 0,
         sourceAt: (points) => editor.map.sourcesOf(points.some((p) => p.active) ? editor.map.fitOf(points) : null),
-        settle: (at) => (isNear(at as Vector2) ? projectOnAxis(mirror, at) : at),
+        settle: (at) => (isNear(at) ? projectOnAxis(mirror, at) : at),
       },
     );
     if (stroke.lockedBy) {

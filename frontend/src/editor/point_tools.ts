@@ -15,7 +15,7 @@ import {
 } from "../maths/points.ts";
 import { RbfError, rbfLabel } from "../maths/rbf.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { Point, Shapes, Vector2 } from "../types.ts";
+import type { PicturePoint, Shapes, Vector2 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
 import type { Moved } from "./gesture.ts";
 import { pointLabel } from "./handles.ts";
@@ -49,7 +49,7 @@ export class PointTools {
    * @param kind the name of the edit
    * @param join edits with the same one in quick succession are undone as one
    */
-  edit(points: Point[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
+  edit(points: PicturePoint[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
     const { editor } = this;
     if (editor.points.isLocked || samePoints(points, editor.points.list)) return false;
     if (!editor.map.error && !this.accepts(points)) return false;
@@ -62,12 +62,12 @@ export class PointTools {
   }
 
   /** The same with its mirror image, if the mirror is on. */
-  change(points: Point[], kind: PointsEdit["kind"], join: string | null = null) {
+  change(points: PicturePoint[], kind: PointsEdit["kind"], join: string | null = null) {
     return this.edit(this.mirror.edit(this.editor.points.list, points, 0, kind === "add"), kind, join);
   }
 
   /** Whether a fit is possible; if not, the reason is shown. */
-  accepts(points: Point[], shapes: Partial<Shapes> = this.editor.points.shapes) {
+  accepts(points: PicturePoint[], shapes: Partial<Shapes> = this.editor.points.shapes) {
     const { editor } = this;
     try {
       editor.map.fitOf(points, shapes);
@@ -92,7 +92,7 @@ export class PointTools {
 
   hintLocked([id]: number[]) {
     const p = this.editor.points.withId(id!);
-    if (p) this.editor.messages.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
+    if (p) this.editor.messages.hint(`${p.name || `PicturePoint ${p.id}`} is locked; L frees it`, 4000);
   }
 
   /**
@@ -127,7 +127,7 @@ export class PointTools {
     const { editor } = this,
       [near] = editor.points.list
         .map((p) => {
-          const [px, py] = editor.viewport.toView(p.target as Vector2);
+          const [px, py] = editor.viewport.toView(p.target);
           return { id: p.id, away: Math.hypot(px - x, py - y) };
         })
         .sort((p, q) => p.away - q.away);
@@ -180,7 +180,7 @@ export class PointTools {
     const { editor } = this,
       p = editor.points.withId(id);
     if (!p || editor.points.isLocked) return;
-    editor.panels.names.prompt(p.name, `point ${id}`, editor.viewport.toView(p.target as Vector2), {
+    editor.panels.names.prompt(p.name, `point ${id}`, editor.viewport.toView(p.target), {
       take: (text) => {
         this.edit(renamePoint(editor.points.list, id, text), "rename");
       },

@@ -2,11 +2,11 @@
 
 import { formatLength } from "../maths/numbers.ts";
 import { addRim, middleOf, rimOf, rotatePoints, turnOfKey } from "../maths/points.ts";
-import type { Point, Vector2 } from "../types.ts";
+import type { PicturePoint, Vector2 } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
 
 /** Points, ids of those that turn, the centre */
-export type Turn = { points: Point[]; ids: number[]; about: Vector2 };
+export type Turn = { points: PicturePoint[]; ids: number[]; about: Vector2 };
 
 /** Dependencies of turning on the editor. */
 export type TurnEditor = EditorParts<"messages" | "points" | "map", "brush" | "drag" | "points">;
@@ -26,9 +26,9 @@ export class PointTurns {
     }
     if (chosen.length > 1)
       return { points, ids: pointTools.movableIds(chosen.map((p) => p.id)), about: middleOf(chosen) };
-    const [pin] = chosen as [Point],
+    const [pin] = chosen as [PicturePoint],
       rim = rimOf(points, pin).filter((p) => !p.locked);
-    if (rim.length) return { points, ids: rim.map((p) => p.id), about: pin.target as Vector2 };
+    if (rim.length) return { points, ids: rim.map((p) => p.id), about: pin.target };
     const room = points.reduce(
       (least, p) =>
         p.id === pin.id || !p.active
@@ -39,7 +39,7 @@ export class PointTurns {
     const id = editor.points.nextId(),
       distance = Math.min(editor.tools.brush.radius, 0.6 * room);
     const rimmed = addRim(points, pin, distance, id, editor.map.sourcesOf(editor.map.layered));
-    return { points: rimmed, ids: rimmed.slice(points.length).map((p) => p.id), about: pin.target as Vector2 };
+    return { points: rimmed, ids: rimmed.slice(points.length).map((p) => p.id), about: pin.target };
   }
 
   /**

@@ -76,7 +76,7 @@ export class Presses {
     if (isFinger && !modes.isSelecting) return new PanGesture(at, viewport, click);
     return new BandGesture(at, points, adds, {
       show: (band) => layers.handles.showBand(band),
-      inside: (band) => points.list.filter(({ target }) => viewport.isInside(target as Vector2, band)).map((p) => p.id),
+      inside: (band) => points.list.filter(({ target }) => viewport.isInside(target, band)).map((p) => p.id),
       click,
       end: () => {
         if (points.selected.size === 0 && !points.isLocked) messages.hint("Double-click adds a point to drag", 5000);

@@ -216,7 +216,7 @@ export class ShapeHandles {
     setAttributes(parts.root, { "aria-label": label, "aria-pressed": String(isChosen) });
     setText(parts.tip, `${label}. Click to choose it`);
     const { line, far, tips, inside } = shapePaths(region, view, reach),
-      [x, y] = namePlace(region, motion, view, reach) as Vector2;
+      [x, y] = namePlace(region, motion, view, reach);
     const whole = region.kind === "half_space" ? far : line;
     setAttributes(parts.body, { transform: motion ? toScreenMotion(motion, view) : "" });
     for (const path of [parts.fill, parts.inside]) {
@@ -250,13 +250,12 @@ export class ShapeHandles {
       .map(([a, b]) => [k * a + x, k * b + y]) as [[number, number], [number, number]];
     const length = Math.hypot(r - p, s - q) || 1,
       way = Math.max(length / 2 + SWAP_ROOM[0]!, SWAP_ROOM[1]!) / length;
-    const [first, other] = [way, -way].map((share) => [
-      (p + r) / 2 + share * (r - p),
-      (q + s) / 2 + share * (s - q),
-    ]) as [number[], number[]];
+    const place = (share: number): Vector2 => [(p + r) / 2 + share * (r - p), (q + s) / 2 + share * (s - q)],
+      first = place(way),
+      other = place(-way);
     const isSeen = ([u, v]: Vector2) =>
       u > SWAP_ROOM[2]! && v > SWAP_ROOM[2]! && u < width - SWAP_ROOM[2]! && v < height - SWAP_ROOM[2]!;
-    const [u, v] = (isSeen(first as Vector2) || !isSeen(other as Vector2) ? first : other) as Vector2,
+    const [u, v] = isSeen(first) || !isSeen(other) ? first : other,
       angle = (Math.atan2(s - q, r - p) * 180) / Math.PI;
     setAttributes(this.swap, { transform: `translate(${u.toFixed(1)} ${v.toFixed(1)}) rotate(${angle.toFixed(1)})` });
     return false;
@@ -385,14 +384,13 @@ function isStill(motion: Motion) {
 }
 
 /** Position of the name of a shape in CSS pixels of the view, within it. */
-export function namePlace(region: RegionData, motion: Motion, view: View, reach: number) {
+export function namePlace(region: RegionData, motion: Motion, view: View, reach: number): Vector2 {
   const { k, x, y, width, height } = view,
     at = shapePaths(region, view, reach).label;
   const [a, b] = movePlace(motion, [(at[0] - x) / k, (at[1] - y) / k]);
-  const name = [k * a + x, k * b + y];
   return isStill(motion)
     ? at
-    : [Math.max(6, Math.min(width - 80, name[0]!)), Math.max(16, Math.min(height - 8, name[1]!))];
+    : [Math.max(6, Math.min(width - 80, k * a + x)), Math.max(16, Math.min(height - 8, k * b + y))];
 }
 
 /** The farthest that a region reaches from a place; infinity for a half plane. */
@@ -404,7 +402,7 @@ export function farthest(region: RegionData, [a, b]: Vector2) {
 
 /** The farthest that a region reaches from its middle. */
 function extentOf(region: RegionData) {
-  return farthest(region, middleOfRegion(region) as Vector2);
+  return farthest(region, middleOfRegion(region));
 }
 
 /** A motion in the picture as one of CSS pixels. */
@@ -494,7 +492,7 @@ function maskOutline(region: MaskData) {
       const is = j < nu && at(i, j) !== at(i - 1, j);
       if (is && from < 0) from = j;
       if (!is && from >= 0) {
-        faces.push([corner(i, from), corner(i, j) as Vector2]);
+        faces.push([corner(i, from), corner(i, j)]);
         from = -1;
       }
     }
@@ -503,7 +501,7 @@ function maskOutline(region: MaskData) {
       const is = i < nv && at(i, j) !== at(i, j - 1);
       if (is && from < 0) from = i;
       if (!is && from >= 0) {
-        faces.push([corner(from, j) as Vector2, corner(i, j) as Vector2]);
+        faces.push([corner(from, j), corner(i, j)]);
         from = -1;
       }
     }
@@ -511,12 +509,7 @@ function maskOutline(region: MaskData) {
     for (let j = 0, from = -1; j <= nu; j++) {
       if (at(i, j) && from < 0) from = j;
       if (!at(i, j) && from >= 0) {
-        rows.push([
-          corner(i, from) as Vector2,
-          corner(i, j) as Vector2,
-          corner(i + 1, j) as Vector2,
-          corner(i + 1, from) as Vector2,
-        ]);
+        rows.push([corner(i, from), corner(i, j), corner(i + 1, j), corner(i + 1, from)]);
         from = -1;
       }
     }
@@ -548,8 +541,8 @@ function sideBands(region: RegionData, { k, x, y, width, height }: View, reach: 
     endless = 3 * (width + height);
   const edges = region.kind === "polygon" ? n : n - 1;
   for (let j = 0; j < edges; j++) {
-    const p = corners[j] as Vector2,
-      q = corners[(j + 1) % n] as Vector2,
+    const p = corners[j]!,
+      q = corners[(j + 1) % n]!,
       length = Math.hypot(q[0] - p[0], q[1] - p[1]);
     if (!length) continue;
     const [ta, tb] = [(q[0] - p[0]) / length, (q[1] - p[1]) / length],

@@ -29,7 +29,7 @@ import {
   updateShape,
 } from "../maths/shapes.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
+import type { PartData, PicturePoint, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
 import { buttonElement } from "../ui/dom.ts";
 import { PenGesture } from "./gestures.ts";
 import type { EditorParts } from "./parts.ts";
@@ -154,9 +154,11 @@ export class Pen {
       isNear = this.#gap(all[0]!, at) < 2 * CLOSE_BY;
     draft.shown = undefined;
     const path =
-      draft.tool === "fixed" ? [all[0], all[all.length - 1]] : simplifyPath(all, STROKE_ERROR / editor.viewport.view.k);
+      draft.tool === "fixed"
+        ? [all[0]!, all[all.length - 1]!]
+        : simplifyPath(all, STROKE_ERROR / editor.viewport.view.k);
     const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
-    draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)] as Vector2[];
+    draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)];
     this.#count(draft);
     if (isWhole && !this.finish(isClosed)) {
       draft.places = before;
@@ -242,7 +244,7 @@ export class Pen {
     const region: RegionData =
       tool === "fixed"
         ? oppositeHalfPlane(places[0]!, places[1]!, movingMiddle(editor.points.list, editor.picture.box))
-        : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places as Vector2[] };
+        : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places };
     const fault = regionFault(region);
     if (fault) {
       editor.messages.show(fault.includes("crosses") ? `${fault} Draw it without a loop.` : fault, true);
@@ -255,7 +257,7 @@ export class Pen {
 }
 
 /** The place on the moving side: the middle of the points that were dragged, or of the picture where none was. */
-function movingMiddle(points: Point[], [a0, a1, b0, b1]: Vector4): Vector2 {
+function movingMiddle(points: PicturePoint[], [a0, a1, b0, b1]: Vector4): Vector2 {
   const dragged = points.filter((p) => p.active && p.target.some((value, c) => value !== p.source[c]));
   if (!dragged.length) return [(a0 + a1) / 2, (b0 + b1) / 2];
   return middleOf(dragged);
@@ -264,7 +266,7 @@ function movingMiddle(points: Point[], [a0, a1, b0, b1]: Vector4): Vector2 {
 /**
  * Parts that wait for an answer about points that contradict them: all parts and points after the edit, and its name.
  */
-export type Offer = { parts: PartData[]; points: Point[]; kind: string };
+export type Offer = { parts: PartData[]; points: PicturePoint[]; kind: string };
 
 const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
 
@@ -314,7 +316,7 @@ export class ShapeTools {
   }
 
   /** The mark of a point: that of the region of its source; null where no cut parts the picture. */
-  markOf({ source: [a, b] }: Point) {
+  markOf({ source: [a, b] }: PicturePoint) {
     const regions = this.editor.map.layered?.regions ?? [];
     return regions.length ? sidesKey(regions, a, b) % REGION_MARKS : null;
   }
@@ -335,7 +337,7 @@ export class ShapeTools {
       wasFine = !this.editor.map.error,
       points = this.editor.points.list,
       join = null,
-    }: { wasFine?: boolean; points?: Point[]; join?: string | null } = {},
+    }: { wasFine?: boolean; points?: PicturePoint[]; join?: string | null } = {},
   ) {
     const { editor } = this;
     if (editor.points.isLocked || sameShapes(shapes, editor.sender.shapes[what])) return false;
@@ -435,7 +437,7 @@ export class ShapeTools {
     } = this;
     if (editor.points.isLocked || !chosen || !shape) return;
     const { what, index } = chosen,
-      [x, y] = namePlace(shape.region, motionOf(shape), editor.viewport.view, this.reach) as Vector2;
+      [x, y] = namePlace(shape.region, motionOf(shape), editor.viewport.view, this.reach);
     editor.panels.names.prompt(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
       take: (text) => {
         this.edit(what, updateShape(editor.points.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
@@ -537,7 +539,7 @@ export class ShapeTools {
       region,
       corner,
       wasFine: !editor.map.error,
-      at: (corner === null ? [0, 0] : cornersOf(region, this.reach)[corner]) as Vector2,
+      at: corner === null ? [0, 0] : cornersOf(region, this.reach)[corner]!,
     };
   }
 

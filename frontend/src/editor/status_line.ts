@@ -79,7 +79,7 @@ export class StatusLine {
       setText(this.value, "");
       return;
     }
-    const [da, db] = (fit ? placeOf(fit, place[0], place[1], source.raster.spacing[0]) : [0, 0]) as Vector2;
+    const [da, db] = fit ? placeOf(fit, place[0], place[1], source.raster.spacing[0]) : ([0, 0] as const);
     const value = source.valueAt([place[0] + da, place[1] + db]),
       { grey } = source;
     const { lengths = "" } = model.get("raster"),

@@ -1,6 +1,7 @@
 // The window of a picture of grey values, changed by the tool, or by a drag with the right button. And the bar
 // of the tool.
 
+import { mapVector } from "../maths/camera.ts";
 import { RestingTrait } from "../sync/edits.ts";
 import type { Vector2 } from "../types.ts";
 import { setText } from "../ui/dom.ts";
@@ -44,7 +45,8 @@ export function dragWindow([low, high]: Vector2, [dx, dy]: Vector2, [first, last
   const rounded = (value: number) => Math.round(value / step) * step;
   const width = rounded(clamp((high - low) * Math.exp(dx / WIDTH_PIXELS), step, WIDEST * whole));
   const level = rounded(clamp((low + high) / 2 - (dy / LEVEL_PIXELS) * (high - low), first, last));
-  return [level - width / 2, level + width / 2].map((value) => Number(value.toPrecision(15))) as Vector2;
+  const ends: Vector2 = [level - width / 2, level + width / 2];
+  return mapVector(ends, (value) => Number(value.toPrecision(15)));
 }
 
 /** Such as "window 80, level 40 HU". */
@@ -91,8 +93,8 @@ export class WindowTool {
 
   /** The values shown as black and white. */
   get window(): Vector2 | null {
-    const own: number[] = this.editor.model.get("window") ?? [];
-    return own.length === 2 ? (own as Vector2) : (this.#grey?.window ?? null);
+    const own: Vector2 | [] = this.editor.model.get("window") ?? [];
+    return own.length === 2 ? own : (this.#grey?.window ?? null);
   }
 
   get words() {

@@ -125,7 +125,7 @@ export async function niftiHeader(blob: Blob): Promise<Header> {
     notes.push(`the code ${code} of its unit of lengths is none of NIfTI; its numbers stay as they are`);
   }
   const { affine, direction, origin } = placeOfVoxels(fields, notes);
-  const spacing = fields.pixdim.slice(1, 4) as Vector3;
+  const spacing = perAxis((k) => fields.pixdim[k + 1]!);
   return {
     shape,
     type,

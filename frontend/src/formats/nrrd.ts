@@ -251,7 +251,8 @@ function three(field: string, vector: number[] | null | undefined): Vector3 {
   if (!vector || ![2, 3, 4].includes(vector.length)) {
     throw new FileError(`the field '${field}' should have vectors of three numbers.`);
   }
-  return [...vector, 0].slice(0, 3) as Vector3;
+  const [x = 0, y = 0, z = 0] = vector;
+  return [x, y, z];
 }
 
 function spacingsOf(fields: Texts, axes: number[], dimension: number, factors: Vector3) {
@@ -259,7 +260,7 @@ function spacingsOf(fields: Texts, axes: number[], dimension: number, factors: V
     const text = fields[name];
     if (text === undefined) return [missing, missing, missing];
     const values = floatsOfText(shown, text, dimension);
-    return [...axes.map((axis) => values[axis]), missing, missing].slice(0, 3) as Vector3;
+    return perAxis((k) => (axes[k] === undefined ? missing : values[axes[k]]!));
   };
   const spacing = numbersOf("spacings", "spacings", 1),
     least = numbersOf("axismins", "axis mins", 0);

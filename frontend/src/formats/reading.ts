@@ -101,7 +101,7 @@ export function volumeShape(sizes: number[], itemsize: number, notes: string[]):
     );
   }
   if (sizes.length < 3) notes.push("a 2-D image was taken as a volume of one slice");
-  const [nx, ny, nz] = [...real, 1, 1] as Vector3,
+  const [nx = 1, ny = 1, nz = 1] = real,
     bytes = nx * ny * nz * itemsize;
   if (bytes > MOST_BYTES) {
     throw new FileError(

@@ -121,7 +121,7 @@ class GridDrawingView extends InputView {
     return before.nodes.map((row, i) =>
       row.map((_, j): Vector2 => {
         const [u, v] = [j / (columns - 1), i / (rows - 1)],
-          [da, db] = rbfAt(fit, u, v) as Vector2;
+          [da, db] = rbfAt(fit, u, v);
         return [u + da, v + db];
       }),
     );

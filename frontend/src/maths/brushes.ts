@@ -5,7 +5,7 @@
 // it, and where there are none the stroke places some, each holding the tissue there. Rings of still points around
 // the brush keep the rest of the picture where it is: kernels reach far, and one ring alone would be overshot.
 
-import type { Point, Vector, Vector2, Vector4 } from "../types.ts";
+import type { PicturePoint, Vector2, Vector4 } from "../types.ts";
 import { newPoint } from "./points.ts";
 
 const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that is done at once
@@ -27,30 +27,30 @@ function brushFalloff(t: number) {
 }
 
 /** The number of the next stroke, in the names of the points that it leaves. */
-function nextStroke(points: Point[]) {
+function nextStroke(points: PicturePoint[]) {
   const numbers = points.filter(({ name }) => BRUSH_NAME.test(name)).map(({ name }) => Number(name.split(" ")[1]));
   return Math.max(0, ...numbers) + 1;
 }
 
-function distanceTo(p: Point, [a, b]: Vector) {
+function distanceTo(p: PicturePoint, [a, b]: Vector2) {
   return Math.hypot(p.target[0] - a, p.target[1] - b);
 }
 
 /** The distance to the nearest active point. */
-function gapTo(points: Point[], place: Vector) {
+function gapTo(points: PicturePoint[], place: Vector2) {
   return points.reduce((least, p) => (p.active ? Math.min(least, distanceTo(p, place)) : least), Infinity);
 }
 
 /** The picture as a stroke needs it. */
 export interface StrokeSurroundings {
   /** A function of places that returns the source of the tissue visible there, null for none. */
-  sourceAt: (points: Point[]) => (place: Vector) => Vector | null;
+  sourceAt: (points: PicturePoint[]) => (place: Vector2) => Vector2 | null;
   /** Of the picture. */
   box: Vector4;
   /** Of points, 0 for everywhere. */
   reach: number;
   /** Move a new place, such as to the axis of a mirror. */
-  settle: (place: Vector) => Vector;
+  settle: (place: Vector2) => Vector2;
 }
 
 export class Stroke {
@@ -65,11 +65,11 @@ export class Stroke {
   held: number | null = null;
   isBegun = false;
   lead = 0; // the side of a mirror that decides, for mirrorEdit
-  lockedBy: Point | null;
-  source: (place: Vector) => Vector | null;
+  lockedBy: PicturePoint | null;
+  source: (place: Vector2) => Vector2 | null;
 
   constructor(
-    public points: Point[],
+    public points: PicturePoint[],
     middle: Vector2,
     readonly radius: number,
     { tool, id }: { tool: string; id: number },
@@ -102,7 +102,7 @@ export class Stroke {
   }
 
   /** Add a point that holds the tissue visible at a place; its id, or null where it is not needed. */
-  #add(there: Vector, room: number) {
+  #add(there: Vector2, room: number) {
     const place = this.around.settle(there),
       [a0, a1, b0, b1] = this.around.box;
     const isInside = place[0] >= a0 && place[0] <= a1 && place[1] >= b0 && place[1] <= b1;
@@ -139,7 +139,7 @@ export class Stroke {
 
   // ---- the flow -----------------------------------------------------------------------------------------------------
 
-  #flow(by: (p: Point, x: number, y: number, share: number) => Vector2) {
+  #flow(by: (p: PicturePoint, x: number, y: number, share: number) => Vector2) {
     this.points = this.points.map((p) => {
       if (!p.active || p.locked) return p;
       const x = p.target[0] - this.middle[0],

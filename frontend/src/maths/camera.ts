@@ -14,7 +14,7 @@ export const scaled = ([x, y, z]: Vector3, k: number): Vector3 => [x * k, y * k,
 export const added = (a: Vector3, b: Vector3): Vector3 => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 /** The vector of the values of a function of each coordinate. */
 export const mapVector = <V extends Vector>(vector: V, value: (x: number, k: number) => number) =>
-  vector.map(value) as { [K in keyof V]: number };
+  vector.map(value) as Vector as V;
 /** a - b */
 export const difference = <V extends Vector>(a: V, b: V) => mapVector(a, (x, k) => x - b[k]!);
 export const unitVector = (a: Vector3): Vector3 | null => {

@@ -1,6 +1,6 @@
 // Edits of a list of control points and their undo. No edit changes an object it was given.
 
-import type { Mirror, Point, RegionData, ShapeKind, Shapes, Vector, Vector2 } from "../types.ts";
+import type { Mirror, PicturePoint, Point, RegionData, ShapeKind, Shapes, Vector, Vector2 } from "../types.ts";
 import { difference, mapVector } from "./camera.ts";
 
 export function samePoints(p: unknown, q: unknown) {
@@ -8,7 +8,7 @@ export function samePoints(p: unknown, q: unknown) {
 }
 
 /** Any list of point-like objects as full points; other objects are left out. */
-export function cleanPoints(list: unknown): Point[] {
+export function cleanPoints<V extends Vector>(list: unknown): Point<V>[] {
   const good = (place: unknown) =>
     Array.isArray(place) && [2, 3].includes(place.length) && place.every(Number.isFinite);
   const seen = new Set<number>();
@@ -21,8 +21,8 @@ export function cleanPoints(list: unknown): Point[] {
     .map((p) => ({
       id: p.id,
       name: String(p.name ?? ""),
-      source: [...p.source] as Vector,
-      target: [...p.target] as Vector,
+      source: [...p.source] as Vector as V,
+      target: [...p.target] as Vector as V,
       active: p.active !== false,
       weight: Number.isFinite(p.weight) && p.weight > 0 ? p.weight : 1,
       locked: p.locked === true,
@@ -35,15 +35,29 @@ export function placeBetween<V extends Vector>(p: V, q: V, share: number) {
   return mapVector(p, (value, k) => value + share * (q[k]! - value));
 }
 
+function copyVector<V extends Vector>(vector: V) {
+  return mapVector(vector, (x) => x);
+}
+
 /** The points with these ids changed. */
-export function updatePoints(points: Point[], ids: number[], change: (point: Point) => Partial<Point>) {
+export function updatePoints<V extends Vector>(
+  points: Point<V>[],
+  ids: number[],
+  change: (point: Point<V>) => Partial<Point<V>>,
+) {
   const chosen = new Set(ids);
-  return points.map((p) => (chosen.has(p.id) ? { ...p, ...change(p) } : p));
+  return points.map((p): Point<V> => (chosen.has(p.id) ? { ...p, ...change(p) } : p));
 }
 
 /** Move targets ("target"), sources ("source") or whole points ("both") by (da, db). */
-export function translatePoints(points: Point[], ids: number[], da: number, db: number, what: string = "target") {
-  const by = ([a, b]: Vector): Vector => [a + da, b + db];
+export function translatePoints(
+  points: PicturePoint[],
+  ids: number[],
+  da: number,
+  db: number,
+  what: string = "target",
+) {
+  const by = ([a, b]: Vector2): Vector2 => [a + da, b + db];
   return updatePoints(points, ids, (p) => ({
     source: what === "target" ? p.source : by(p.source),
     target: what === "source" ? p.target : by(p.target),
@@ -51,32 +65,41 @@ export function translatePoints(points: Point[], ids: number[], da: number, db: 
 }
 
 /** A point with its fields in the order in which Python sends them: lists are compared as text. */
-export function newPoint(id: number, source: Vector, target: Vector, name: string = ""): Point {
-  return { id, name, source: [...source], target: [...target], active: true, weight: 1, locked: false, radius: null };
+export function newPoint<V extends Vector>(id: number, source: V, target: V, name: string = ""): Point<V> {
+  return {
+    id,
+    name,
+    source: copyVector(source),
+    target: copyVector(target),
+    active: true,
+    weight: 1,
+    locked: false,
+    radius: null,
+  };
 }
 
-export function addPoint(points: Point[], id: number, source: Vector, target: Vector) {
+export function addPoint<V extends Vector>(points: Point<V>[], id: number, source: V, target: V) {
   return [...points, newPoint(id, source, target)];
 }
 
-export function removePoints(points: Point[], ids: number[]) {
+export function removePoints<V extends Vector>(points: Point<V>[], ids: number[]) {
   const gone = new Set(ids);
   return points.filter((p) => !gone.has(p.id));
 }
 
-export function renamePoint(points: Point[], id: number, name: string) {
+export function renamePoint<V extends Vector>(points: Point<V>[], id: number, name: string) {
   return updatePoints(points, [id], () => ({ name: name.trim().slice(0, 80) }));
 }
 
 /** Switch points on if all chosen are off, else off: one press always has a visible effect. */
-export function togglePoints(points: Point[], ids: number[]) {
+export function togglePoints<V extends Vector>(points: Point<V>[], ids: number[]) {
   const chosen = new Set(ids),
     some = points.some((p) => chosen.has(p.id) && p.active);
   return updatePoints(points, ids, () => ({ active: !some }));
 }
 
 /** Lock points if some of the chosen are free, else unlock them. */
-export function toggleLocks(points: Point[], ids: number[]) {
+export function toggleLocks<V extends Vector>(points: Point<V>[], ids: number[]) {
   const chosen = new Set(ids),
     isFree = points.some((p) => chosen.has(p.id) && !p.locked);
   return updatePoints(points, ids, () => ({ locked: isFree }));
@@ -88,8 +111,8 @@ export function freeIds(points: Point[], ids: number[]) {
   return ids.filter((id) => !locked.has(id));
 }
 
-export function resetPoints(points: Point[], ids: number[]) {
-  return updatePoints(points, ids, (p) => ({ target: [...p.source] }));
+export function resetPoints<V extends Vector>(points: Point<V>[], ids: number[]) {
+  return updatePoints(points, ids, (p) => ({ target: copyVector(p.source) }));
 }
 
 /** The next free id, at least `least`. */
@@ -161,7 +184,7 @@ export function middleOf(points: { target: Vector }[]): Vector2 {
 }
 
 /** Targets rotated by an angle (clockwise on the screen, where b runs down) and scaled, about a place. */
-export function rotatePoints(points: Point[], ids: number[], about: Vector, angle: number, factor: number = 1) {
+export function rotatePoints(points: PicturePoint[], ids: number[], about: Vector2, angle: number, factor: number = 1) {
   const c = factor * Math.cos(angle),
     s = factor * Math.sin(angle);
   return updatePoints(points, ids, (p) => {
@@ -195,10 +218,10 @@ function rimName(pin: Point) {
 }
 
 /** The rim that a point has already, three at most: the nearest ones of that name. */
-export function rimOf(points: Point[], pin: Point) {
+export function rimOf<V extends Vector>(points: Point<V>[], pin: Point) {
   const name = rimName(pin),
     [x, y] = pin.source;
-  const away = (p: Point) => Math.hypot(p.source[0] - x, p.source[1] - y);
+  const away = (p: Point<V>) => Math.hypot(p.source[0] - x, p.source[1] - y);
   return points
     .filter((p) => p.name === name && p.id !== pin.id)
     .sort((p, q) => away(p) - away(q))
@@ -218,11 +241,11 @@ export function includeRims(points: Point[], ids: number[]) {
  * @param sourceAt null outside the tissue
  */
 export function addRim(
-  points: Point[],
-  pin: Point,
+  points: PicturePoint[],
+  pin: PicturePoint,
   distance: number,
   id: number,
-  sourceAt: (place: Vector2) => Vector | null,
+  sourceAt: (place: Vector2) => Vector2 | null,
 ) {
   const others = points.filter((p) => p.active && p.id !== pin.id);
   const placesFrom: (start: number) => Vector2[] = (start) =>
@@ -256,11 +279,12 @@ function axisDistance(mirror: Mirror, place: Vector) {
 }
 
 /** Move a place along the normal. */
-function moveAcross(mirror: Mirror, place: Vector, way: number) {
-  return mapVector(mirrorNormal(mirror), (n, k) => place[k]! + way * n);
+function moveAcross<V extends Vector>(mirror: Mirror, place: V, way: number) {
+  const normal = mirrorNormal(mirror);
+  return mapVector(place, (x, k) => x + way * normal[k]!);
 }
 
-function mirrorPlace(mirror: Mirror, place: Vector) {
+function mirrorPlace<V extends Vector>(mirror: Mirror, place: V) {
   return moveAcross(mirror, place, -2 * axisDistance(mirror, place));
 }
 
@@ -271,7 +295,7 @@ export function mirrorSide(mirror: Mirror, place: Vector, near: number) {
 }
 
 /** The nearest place on the axis. */
-export function projectOnAxis(mirror: Mirror, place: Vector) {
+export function projectOnAxis<V extends Vector>(mirror: Mirror, place: V) {
   return moveAcross(mirror, place, -axisDistance(mirror, place));
 }
 
@@ -280,7 +304,7 @@ export function distance(p: Vector, q: Vector) {
 }
 
 /** The point whose source is the mirror image of that of `p`, or null. */
-function findPartner(mirror: Mirror, points: Point[], p: Point, near: number) {
+function findPartner<V extends Vector>(mirror: Mirror, points: Point<V>[], p: Point<V>, near: number) {
   const place = mirrorPlace(mirror, p.source);
   let best = null,
     least = near;
@@ -295,7 +319,7 @@ function findPartner(mirror: Mirror, points: Point[], p: Point, near: number) {
 }
 
 /** Keep a target on the side of its source: beyond the axis it would meet its partner. */
-function clampToSide(mirror: Mirror, place: Vector, side: number, near: number) {
+function clampToSide<V extends Vector>(mirror: Mirror, place: V, side: number, near: number) {
   const away = axisDistance(mirror, place);
   return away * side >= near ? place : moveAcross(mirror, place, side * near - away);
 }
@@ -307,10 +331,10 @@ function clampToSide(mirror: Mirror, place: Vector, side: number, near: number) 
  * side that decides where both have changed; findVisible(source): where that tissue is seen now, or null. The partner of a
  * new point holds it there, and moves nothing, also where the two sides have been deformed in different ways.
  */
-export function mirrorEdit(
+export function mirrorEdit<V extends Vector>(
   mirror: Mirror,
-  before: Point[],
-  after: Point[],
+  before: Point<V>[],
+  after: Point<V>[],
   {
     near,
     id,
@@ -320,7 +344,7 @@ export function mirrorEdit(
     near: { axis: number; partner: number };
     id: number;
     lead?: number;
-    findVisible?: (source: Vector) => Vector | null;
+    findVisible?: (source: V) => V | null;
   },
 ) {
   const was = new Map(before.map((p) => [p.id, p])),
@@ -328,7 +352,7 @@ export function mirrorEdit(
   const moved = after.filter((p) => !isUnmoved(was.get(p.id), p));
   const first = moved.map((p) => mirrorSide(mirror, p.source, near.axis)).find((side) => side !== 0) ?? 1;
   const leads = lead || first;
-  const sideNow = (p: Point) => mirrorSide(mirror, (was.get(p.id) ?? p).source, near.axis);
+  const sideNow = (p: Point<V>) => mirrorSide(mirror, (was.get(p.id) ?? p).source, near.axis);
   for (const p of before) {
     if (result.has(p.id) || sideNow(p) === 0) continue;
     const partner = findPartner(mirror, before, p, near.partner);
@@ -363,7 +387,7 @@ export function mirrorEdit(
 }
 
 /** The place where the tissue is visible; one that differs by rounding alone is the mirror's own. */
-function visiblePlace({ target }: Point, seen: Vector | null, near: number) {
+function visiblePlace<V extends Vector>({ target }: Point<V>, seen: V | null, near: number) {
   return seen === null || distance(seen, target) < 1e-3 * near ? target : seen;
 }
 
@@ -376,7 +400,7 @@ function isUnmoved(p: Point | undefined, q: Point) {
 }
 
 /** Project the places of a point on the axis. */
-function projectPoint(mirror: Mirror, p: Point, old?: Point) {
+function projectPoint<V extends Vector>(mirror: Mirror, p: Point<V>, old?: Point<V>) {
   const isTaken = old && samePoints(old.source, p.source);
   return {
     ...p,
@@ -386,7 +410,13 @@ function projectPoint(mirror: Mirror, p: Point, old?: Point) {
 }
 
 /** The point on the other side: the partner, or a new one with this id. */
-function mirrorPoint(mirror: Mirror, p: Point, old: Point | undefined, partner: Point | null, id: number) {
+function mirrorPoint<V extends Vector>(
+  mirror: Mirror,
+  p: Point<V>,
+  old: Point<V> | undefined,
+  partner: Point<V> | null,
+  id: number,
+): Point<V> {
   const target = mirrorPlace(mirror, p.target),
     source = mirrorPlace(mirror, p.source);
   if (partner === null) return { ...p, id, name: old ? "" : p.name, source, target, locked: false };

@@ -177,7 +177,7 @@ function rbfSolve(
 /** The pairs of coordinates of the products. */
 function rbfPairs(dim: number): Vector2[] {
   const all = Array.from({ length: dim }, (_, a) => a);
-  return [...all.map((a) => [a, a] as Vector2), ...all.flatMap((a) => all.slice(0, a).map((b) => [a, b] as Vector2))];
+  return [...all.map((a): Vector2 => [a, a]), ...all.flatMap((a) => all.slice(0, a).map((b): Vector2 => [a, b]))];
 }
 
 /** @param x n x dim; returns the products of each row */
@@ -1737,7 +1737,7 @@ class RbfRow {
     const { fit, step, first: p0, moving, sums } = this,
       { support, origin, centers: x, coefficients: alpha, scales } = fit;
     const place = [0, ...across.map((value, k) => (value - origin[k + 1]!) / support)],
-      [, q, r] = place as Vector3;
+      [, q = 0, r = 0] = place;
     const dim = place.length,
       [us, vs, ws] = sums as [Float64Array<ArrayBuffer>, Float64Array<ArrayBuffer>, Float64Array<ArrayBuffer>],
       { length } = us,

@@ -9,6 +9,7 @@ import type {
   Numbers2,
   Numbers3,
   PartData,
+  PicturePoint,
   Point,
   Raster,
   ReadyPart,
@@ -162,7 +163,7 @@ export function findConflicts(points: Point[], parts: PartData[], strength: numb
  * The points after a change of a part's motion: those that it carried, the active points in it that
  * require its displacement, follow it.
  */
-export function carryPoints(points: Point[], before: PartData, after: PartData) {
+export function carryPoints(points: PicturePoint[], before: PartData, after: PartData) {
   const [ready] = readyParts([before], 1),
     near = SAME_MOTION * sizeOf(points);
   if (!ready) return points;

@@ -1,15 +1,15 @@
 // Points in space and their places in the pictures of a volume. Pure functions of plain lists.
 
-import type { FlatPoint, Matrix3, PaneInfo, Plane, Point, RbfFit, Vector, Vector3 } from "../types.ts";
+import type { FlatPoint, Matrix3, PaneInfo, Plane, Point, RbfFit, SpacePoint, Vector, Vector3 } from "../types.ts";
 import type { Axis } from "./axes.ts";
 import { perAxis } from "./axes.ts";
-import { added, difference, dot, scaled } from "./camera.ts";
+import { added, difference, dot, mapVector, scaled } from "./camera.ts";
 import { formatLength } from "./numbers.ts";
 import { updatePoints } from "./points.ts";
 
 /** The coordinates [a, b, c] in a picture of a place in space. */
-export function toPane({ origin, u, v, n }: Plane, place: Vector): Vector3 {
-  const from = difference(place as Vector3, origin);
+export function toPane({ origin, u, v, n }: Plane, place: Vector3): Vector3 {
+  const from = difference(place, origin);
   return [dot(from, u), dot(from, v), dot(from, n)];
 }
 
@@ -24,8 +24,8 @@ export function vectorFromPane({ u, v }: Plane, da: number, db: number) {
 }
 
 /** Move targets ("target"), sources ("source") or whole points ("both") by a displacement in space. */
-export function translateInSpace(points: Point[], ids: number[], way: Vector3, what: string = "target") {
-  const by = (place: Vector): Vector => added(place as Vector3, way);
+export function translateInSpace(points: SpacePoint[], ids: number[], way: Vector3, what: string = "target") {
+  const by = (place: Vector3) => added(place, way);
   return updatePoints(points, ids, (p) => ({
     source: what === "target" ? p.source : by(p.source),
     target: what === "source" ? p.target : by(p.target),
@@ -33,7 +33,7 @@ export function translateInSpace(points: Point[], ids: number[], way: Vector3, w
 }
 
 /** Targets rotated in a picture (clockwise there) and scaled in space, about their middle. */
-export function rotateInSpace(points: Point[], ids: number[], pane: PaneInfo, angle: number, factor: number = 1) {
+export function rotateInSpace(points: SpacePoint[], ids: number[], pane: PaneInfo, angle: number, factor: number = 1) {
   const chosen = points.filter((p) => ids.includes(p.id)),
     c = factor * Math.cos(angle),
     s = factor * Math.sin(angle);
@@ -63,7 +63,10 @@ export function fitInFrame(fit: RbfFit, axes: Matrix3, origin: Vector3): RbfFit 
   const turned = (v: Vector3) => perAxis((k) => dot(axes[k], v));
   const allTurned: (vectors: Float64Array) => Float64Array = (vectors) =>
     Float64Array.from(vectors, (_, i) =>
-      dot(axes[(i % 3) as Axis], Array.from(vectors.subarray(i - (i % 3), i - (i % 3) + 3)) as Vector3),
+      dot(
+        axes[(i % 3) as Axis],
+        perAxis((k) => vectors[i - (i % 3) + k]!),
+      ),
     );
   const seen: (m: Matrix3) => Matrix3 = (m) =>
     perAxis((i) =>
@@ -98,11 +101,11 @@ export function fitInFrame(fit: RbfFit, axes: Matrix3, origin: Vector3): RbfFit 
 }
 
 /** Replace sources by those of points of the same ids, which Python has found meanwhile. */
-export function updateSources(points: Point[], known: Point[]) {
+export function updateSources<V extends Vector>(points: Point<V>[], known: Point<V>[]) {
   const sources = new Map(known.map((p) => [p.id, p.source]));
   return points.map((p) => {
     const source = sources.get(p.id);
-    return source ? { ...p, source: [...source] as Vector } : p;
+    return source ? { ...p, source: mapVector(source, (x) => x) } : p;
   });
 }
 
@@ -110,7 +113,7 @@ export function updateSources(points: Point[], known: Point[]) {
  * A point as it is drawn in a picture.
  * @param depth of the slice; null in pictures of the whole volume
  */
-export function flatPoint(p: Point, pane: PaneInfo, depth: number | null): FlatPoint {
+export function flatPoint(p: SpacePoint, pane: PaneInfo, depth: number | null): FlatPoint {
   const target = toPane(pane, p.target),
     source = toPane(pane, p.source);
   const away = depth === null ? 0 : target[2] - depth;
@@ -153,7 +156,7 @@ function shiftWords(way: Vector3) {
 
 /** The label of a point in a picture for screen readers. */
 export function spaceLabel({ whole: p, isFar, away }: FlatPoint) {
-  const way = difference(p.target, p.source) as Vector3;
+  const way = difference(p.target, p.source);
   const far = isFar ? `, ${formatLength(Math.abs(away))} off the slice` : "";
   return (
     `Point ${p.id}${p.name ? ` ${p.name}` : ""}, at ${p.target.map(formatLength).join(", ")}, ${shiftWords(way)}` +
@@ -163,7 +166,7 @@ export function spaceLabel({ whole: p, isFar, away }: FlatPoint) {
 
 /** The tip of a point in a picture. */
 export function spaceTip({ whole: p, isFar, away }: FlatPoint) {
-  const way = difference(p.target, p.source) as Vector3;
+  const way = difference(p.target, p.source);
   const far = isFar ? `; ${formatLength(Math.abs(away))} ${away > 0 ? "behind" : "in front of"} this slice` : "";
   return (
     `${p.name || `point ${p.id}`}: ${shiftWords(way)}${p.active ? "" : "; switched off"}` +

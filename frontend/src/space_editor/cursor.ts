@@ -13,7 +13,8 @@ export class SliceCursor {
   constructor(readonly editor: SpaceParts<"model" | "frames" | "messages" | "points" | "requests">) {
     const { model } = editor;
     this.panes = model.get("panes");
-    this.place = [...(model.get("cursor") as Vector3)];
+    const [x, y, z]: Vector3 = model.get("cursor");
+    this.place = [x, y, z];
   }
 
   get isSlice() {
@@ -70,7 +71,8 @@ export class SliceCursor {
       p = points.withId(id);
     if (!p) return;
     points.select([id]);
-    this.set([...p.target] as Vector3, false);
+    const [x, y, z] = p.target;
+    this.set([x, y, z], false);
     messages.announce(`slices at ${p.name || `point ${id}`}`);
   }
 }

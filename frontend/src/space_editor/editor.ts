@@ -7,7 +7,7 @@ import { NamePrompt } from "../editor/name_prompt.ts";
 import type { Pictures, SlicesMoved, SpaceEditorToFrontEnd } from "../generated.ts";
 import { busOf } from "../sync/bus.ts";
 import type { Change } from "../sync/edits.ts";
-import type { Model, ModelHandler, PointsDetail, Vector3 } from "../types.ts";
+import type { Model, ModelHandler, PointsDetail } from "../types.ts";
 import { beforeActionOutside, OWN_KEYS, pageElement } from "../ui/dom.ts";
 import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
 import type { ToolEntry } from "../ui/toolbar.ts";
@@ -332,7 +332,7 @@ export class SpaceEditorView extends EditorDrawing {
   lookAt(id: number) {
     const { points, row } = this.parts,
       p = points.withId(id);
-    if (p) for (const pane of row.panes) pane.lookAt(p.target as Vector3);
+    if (p) for (const pane of row.panes) pane.lookAt(p.target);
   }
 }
 

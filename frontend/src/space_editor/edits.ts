@@ -5,14 +5,14 @@ import { samePoints } from "../maths/points.ts";
 import { updateSources } from "../maths/space.ts";
 import { busOf, publishPoints, settingsOf } from "../sync/bus.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { Point, PointsDetail } from "../types.ts";
+import type { PointsDetail, SpacePoint } from "../types.ts";
 import type { SpaceParts } from "./parts.ts";
 
 export class SpaceEdits {
   id = Math.random().toString(36).slice(2, 12); // of the view, where others follow it
 
   /** The points before the drag, or null. */
-  drag0: Point[] | null = null;
+  drag0: SpacePoint[] | null = null;
 
   constructor(readonly editor: SpaceParts<"model" | "sender" | "frames" | "messages" | "points">) {
     editor.points.draggers = [this];
@@ -28,7 +28,7 @@ export class SpaceEdits {
    * Make an edit. Returns whether there is one.
    * @param join edits with the same are undone as one
    */
-  edit(list: Point[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
+  edit(list: SpacePoint[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
     const { messages, points, sender } = this.editor;
     if (points.isLocked || samePoints(list, points.list)) return false;
     if (JSON.stringify(list).length > MOST_CHARACTERS) {
@@ -45,7 +45,7 @@ export class SpaceEdits {
   }
 
   /** Show moving points. */
-  show(list: Point[]) {
+  show(list: SpacePoint[]) {
     this.#publish(list, "move");
     this.editor.sender.move(list);
   }
@@ -62,7 +62,7 @@ export class SpaceEdits {
     sender.move(points.list); // Python has received the drag, and now its end
   }
 
-  #publish(list: Point[], phase: "move" | "end") {
+  #publish(list: SpacePoint[], phase: "move" | "end") {
     const { frames, model, points } = this.editor;
     points.list = list;
     publishPoints(busOf(model), { origin: this.id, points: list, settings: settingsOf(model), fit: null, phase });
@@ -91,7 +91,7 @@ export class SpaceEdits {
     const { frames, points } = this.editor;
     if (origin === this.id || this.drag0) return;
     if (phase === "move") {
-      points.list = list;
+      points.list = list as SpacePoint[];
       frames.invalidate();
     } else this.receive();
   }

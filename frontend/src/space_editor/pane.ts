@@ -5,7 +5,7 @@ import { Handles, ToolMarks } from "../editor/handles.ts";
 import { Viewport } from "../editor/viewport.ts";
 import { dot, scaled, sideOf } from "../maths/camera.ts";
 import { clearness, flatPoint, fromPane, spaceLabel, spaceTip, toPane } from "../maths/space.ts";
-import type { FlatPoint, PaneInfo, Point, Vector2, Vector3 } from "../types.ts";
+import type { FlatPoint, PaneInfo, SpacePoint, Vector2, Vector3 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import { PaneImage } from "./pane_image.ts";
 import { LINES, type Line, PaneMarks } from "./pane_marks.ts";
@@ -34,7 +34,7 @@ export class SpacePane {
   viewport: Viewport;
 
   /** Points as they are drawn in this picture, at this depth. */
-  #flat = { at: "", points: new WeakMap<Point, FlatPoint>() };
+  #flat = { at: "", points: new WeakMap<SpacePoint, FlatPoint>() };
 
   constructor(
     readonly editor: PaneEditor,

@@ -6,7 +6,7 @@ import type { Frames } from "../editor/frames.ts";
 import type { Messages } from "../editor/messages.ts";
 import type { NamePrompt } from "../editor/name_prompt.ts";
 import type { Sender } from "../sync/edits.ts";
-import type { Model } from "../types.ts";
+import type { Model, Vector3 } from "../types.ts";
 import type { HelpPanel } from "../ui/keys.ts";
 import type { Toolbar } from "../ui/toolbar.ts";
 import type { SpaceCommands } from "./commands.ts";
@@ -20,13 +20,13 @@ import type { SpaceStatus } from "./status_line.ts";
 
 interface Parts {
   model: Model;
-  sender: Sender;
+  sender: Sender<Vector3>;
   messages: Messages;
   frames: Frames;
   theme: EditorTheme;
   /** Its pictures, and the marks over them. */
   row: PaneRow;
-  points: EditedPoints;
+  points: EditedPoints<Vector3>;
   edits: SpaceEdits;
   tools: SpacePointTools;
   modes: SpaceModes;

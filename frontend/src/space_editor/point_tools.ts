@@ -8,7 +8,7 @@ import { formatLength } from "../maths/numbers.ts";
 import { addPoint, freeIds, mirrorEdit, mirrorSide, removePoints, toggleLocks, turnOfKey } from "../maths/points.ts";
 import { fromPane, rotateInSpace, toPane, translateInSpace, vectorFromPane } from "../maths/space.ts";
 import { setTrait } from "../sync/edits.ts";
-import type { Mirror, PaneInfo, Point, Vector2, Vector3 } from "../types.ts";
+import type { Mirror, PaneInfo, SpacePoint, Vector2, Vector3 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
 import type { SpacePane } from "./pane.ts";
 import type { SpaceParts } from "./parts.ts";
@@ -30,7 +30,7 @@ export class SpacePointTools {
    * An edit, and the same on the other side of the mirror if there is one.
    * @param join edits with the same are undone as one
    */
-  change(points: Point[], kind: PointsEdit["kind"], join: string | null = null) {
+  change(points: SpacePoint[], kind: PointsEdit["kind"], join: string | null = null) {
     return this.editor.edits.edit(this.symmetric(this.editor.points.list, points), kind, join);
   }
 
@@ -117,7 +117,7 @@ export class SpacePointTools {
 
   announceLocked(id: number) {
     const p = this.editor.points.withId(id);
-    if (p) this.editor.messages.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
+    if (p) this.editor.messages.hint(`${p.name || `SpacePoint ${p.id}`} is locked; L frees it`, 4000);
   }
 
   toggleLock(ids: number[]) {
@@ -224,7 +224,7 @@ export class SpacePointTools {
    * An edit, and the same on the other side.
    * @param lead the side that decides where both have changed
    */
-  symmetric(before: Point[], after: Point[], lead: number = 0) {
+  symmetric(before: SpacePoint[], after: SpacePoint[], lead: number = 0) {
     const { mirror } = this;
     if (!mirror.on) return after;
     const id = this.editor.points.nextId(after);
@@ -267,7 +267,7 @@ export class SpacePointTools {
   #snapMove(pane: PaneInfo, id: number, way: Vector3, what: Moved, isLoose: boolean): Vector3 {
     const p = this.editor.edits.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
-    const target = p.target as Vector3;
+    const target = p.target;
     return difference(fromPane(pane, this.#snapToNode(pane, toPane(pane, added(target, way)))), target);
   }
 

@@ -22,10 +22,10 @@ import type {
 } from "../generated.ts";
 import { LONGEST_EDIT } from "../generated.ts";
 import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.ts";
-import type { Bus, Model, ModelHandler, Point, ShapeData, ShapeKind, Shapes, Without } from "../types.ts";
+import type { Bus, Model, ModelHandler, Point, ShapeData, ShapeKind, Shapes, Vector, Without } from "../types.ts";
 import { History } from "./undo_list.ts";
 
-export type State = { points: Point[]; shapes: Shapes };
+export type State<V extends Vector> = { points: Point<V>[]; shapes: Shapes };
 export type Change = "points" | "status" | "history";
 export type Clock = { now: () => number; later: (f: () => void, ms: number) => number; cancel: (id: number) => void };
 
@@ -161,19 +161,19 @@ class EditChannel {
 }
 
 /** The points, cuts and parts of an editor, as all of its views in a window share them. */
-export class Sender {
+export class Sender<V extends Vector = Vector> {
   readonly channel: EditChannel;
   last = 0; // number of the last message that Python has to have seen before its values are taken
   lastAt = -Infinity;
-  points: Point[] = [];
+  points: Point<V>[] = [];
   shapes: Shapes = { cuts: [], parts: [] };
   nextId = 0;
   models: { model: Model; handlers: Record<string, ModelHandler> }[] = [];
   listeners = new Set<(what: Change) => void>();
-  history: History<State> = new History();
+  history: History<State<V>> = new History();
   pending: {
-    move: { points: Point[]; part?: MovedPart } | null;
-    end: { kind: PointsEdit["kind"]; joins: boolean; points: Point[] } | null;
+    move: { points: Point<V>[]; part?: MovedPart } | null;
+    end: { kind: PointsEdit["kind"]; joins: boolean; points: Point<V>[] } | null;
   } = { move: null, end: null };
   /** Measurements of a view during a drag, sent with its end */
   drawn: PointsEdit["drawn"] | null = null;
@@ -245,7 +245,7 @@ export class Sender {
     this.nextId = Math.max(this.nextId, model.get("next_id") ?? 0);
     const isLate = isNews && this.clock.now() - this.lastAt > PRECEDENCE_MS; // an answer that is lost blocks nothing
     if (this.#isFilled && this.isBehind(model) && !isLate) return;
-    const points = cleanPoints(model.get("points"));
+    const points = cleanPoints<V>(model.get("points"));
     const shapes = { cuts: this.#shapesOf(model, "cuts"), parts: this.#shapesOf(model, "parts") };
     if (this.#isFilled && samePoints(points, this.points) && sameShapes(shapes, this.shapes)) return;
     if (this.#isFilled) this.history.record(this.state);
@@ -271,7 +271,7 @@ export class Sender {
    * Send the points after an edit; edits that share `join` in quick succession are undone as one.
    * @param kind of the edit, for the history
    */
-  edit(points: Point[], kind: PointsEdit["kind"], join: string | null = null) {
+  edit(points: Point<V>[], kind: PointsEdit["kind"], join: string | null = null) {
     const joins = this.history.record(this.state, join);
     this.#leave(points, kind, joins);
   }
@@ -283,7 +283,7 @@ export class Sender {
     what: ShapeKind,
     shapes: ShapeData[],
     kind: string,
-    points: Point[] = this.points,
+    points: Point<V>[] = this.points,
     join: string | null = null,
   ) {
     this.history.record(this.state, join);
@@ -298,7 +298,7 @@ export class Sender {
   }
 
   /** Send points during a drag, or a rigid part being moved and the points with it. */
-  move(points: Point[], part: MovedPart | null = null) {
+  move(points: Point<V>[], part: MovedPart | null = null) {
     this.pending.move = { points, ...(part && { part }) };
     this.#next();
   }
@@ -367,7 +367,7 @@ export class Sender {
     this.channel.send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end, ...(drawn && { drawn }) });
   }
 
-  #leave(points: Point[], kind: PointsEdit["kind"], joins: boolean) {
+  #leave(points: Point<V>[], kind: PointsEdit["kind"], joins: boolean) {
     const waits = this.pending.end;
     this.pending.move = null;
     this.pending.end = waits
@@ -383,7 +383,7 @@ export class Sender {
     what: ShapeKind,
     shapes: ShapeData[],
     kind: string,
-    points: Point[] = this.points,
+    points: Point<V>[] = this.points,
     joins: boolean = false,
   ) {
     this.pending.move = null;
@@ -402,7 +402,7 @@ export class Sender {
     });
   }
 
-  #take(points: Point[], shapes: Shapes = this.shapes) {
+  #take(points: Point<V>[], shapes: Shapes = this.shapes) {
     this.points = points;
     this.shapes = shapes;
     this.nextId = nextId(points, this.nextId);
@@ -468,12 +468,12 @@ export class RestingTrait {
 }
 
 /** The sender of an editor's bus, made by the first call, which is that of anywidget's `initialize`. */
-export function senderOf(bus: Bus, model: Model) {
+export function senderOf<V extends Vector>(bus: Bus, model: Model) {
   if (!bus.sender) {
     bus.sender = new Sender();
     bus.sender.attach(model);
   }
-  return bus.sender;
+  return bus.sender as Sender<V>;
 }
 
 /** A value that one view sends to Python, such as a curve. */

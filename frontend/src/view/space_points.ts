@@ -12,7 +12,7 @@ import { spaceLabel, spaceTip, translateInSpace, updateSources } from "../maths/
 import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.ts";
 import type { Sender } from "../sync/edits.ts";
 import { senderOf, setTrait } from "../sync/edits.ts";
-import type { Bus, FlatPoint, Model, Point, Sides, Vector2, Vector3 } from "../types.ts";
+import type { Bus, FlatPoint, Model, Sides, SpacePoint, Vector2, Vector3 } from "../types.ts";
 import { ARROWS, pageElement, placeIn, setAttributes, svgElement } from "../ui/dom.ts";
 import type { PlanarField, SpaceField } from "../webgl/types.ts";
 import { opacityOfByte } from "../webgl/volume_blocks.ts";
@@ -282,13 +282,13 @@ function planarAt(
 
 /** The points of the editor that a view follows, as this window has them, and those of them that are selected. */
 class FollowedPoints {
-  list: Point[] = [];
+  list: SpacePoint[] = [];
   selected = new Set<number>();
   /** The points as a drag began; null without one */
-  before: Point[] | null = null;
+  before: SpacePoint[] | null = null;
   #id = Math.random().toString(36).slice(2, 12);
   #followed: FollowedModel;
-  #edited: { editor: Model; bus: Bus; sender: Sender } | null = null;
+  #edited: { editor: Model; bus: Bus; sender: Sender<Vector3> } | null = null;
 
   /** @param draw called when the points have changed */
   constructor(
@@ -305,11 +305,11 @@ class FollowedPoints {
     const found = await followed.choose(reference);
     if (!found) return;
     const { model: editor, bus } = found;
-    const sender = senderOf(bus, editor);
+    const sender = senderOf<Vector3>(bus, editor);
     this.#edited = { editor, bus, sender };
     followed.hear(bus, "deformnb:points", ({ detail }) => {
       if (detail.origin === this.#id || this.before) return;
-      this.list = detail.phase === "move" ? detail.points : sender.points;
+      this.list = detail.phase === "move" ? (detail.points as SpacePoint[]) : sender.points;
       this.draw();
     });
     const chosen = () => {
@@ -365,7 +365,7 @@ class FollowedPoints {
   }
 
   /** Show the points of a drag, here and in other views. */
-  show(points: Point[]) {
+  show(points: SpacePoint[]) {
     this.list = points;
     this.#publish("move");
     this.edited.sender.move(points);
@@ -394,7 +394,7 @@ class PointMarks {
   seen = "";
   #axisLine: SVGPathElement;
   #order: number[] = []; // ids, the farthest first
-  #flat: WeakMap<Point, FlatPoint & { depth: number }> = new WeakMap(); // points on the picture from the camera `seen`
+  #flat: WeakMap<SpacePoint, FlatPoint & { depth: number }> = new WeakMap(); // points on the picture from the camera `seen`
   #lookedAt = -Infinity;
   #timer = 0;
 
@@ -442,13 +442,13 @@ class PointMarks {
     return this.points.list.map((p) => {
       const known = this.#flat.get(p);
       if (known) return known;
-      const { at, depth } = camera.see(p.target as Vector3);
+      const { at, depth } = camera.see(p.target);
       const made = {
         id: p.id,
         name: p.name,
         active: p.active,
         target: at,
-        source: camera.see(p.source as Vector3).at,
+        source: camera.see(p.source).at,
         depth,
         away: 0,
         isFar: false,
@@ -464,9 +464,9 @@ class PointMarks {
       p = axis === null ? null : list.find((q) => selected.has(q.id));
     setAttributes(this.#axisLine, { visibility: p ? "visible" : "hidden" });
     if (!p || axis === null) return;
-    const far = 1000 * camera.see(p.target as Vector3).scale,
+    const far = 1000 * camera.see(p.target).scale,
       unit = perAxis((k) => (k === axis ? far : 0));
-    const end = (sign: number) => camera.see(added(p.target as Vector3, scaled(unit, sign))).at;
+    const end = (sign: number) => camera.see(added(p.target, scaled(unit, sign))).at;
     setAttributes(this.#axisLine, { d: `M ${end(-1)} L ${end(1)}`, "data-axis": AXIS_NAMES[axis] });
   }
 
@@ -482,7 +482,7 @@ class PointMarks {
     this.#lookedAt = now;
     const body = findBody();
     for (const p of points.list) {
-      const place = p.target as Vector3,
+      const place = p.target,
         isHidden = body?.hides(place, camera.toViewer(place)) ?? false,
         parts = this.handles.byId.get(p.id);
       if (!parts) continue;
@@ -542,7 +542,7 @@ class PointDrag {
       point = before?.find((p) => p.id === held.id);
     if (!before || !point) return;
     const place = held.what === "source" ? point.source : point.target;
-    const way = this.way(place as Vector3, [at[0] - held.from[0], at[1] - held.from[1]]);
+    const way = this.way(place, [at[0] - held.from[0], at[1] - held.from[1]]);
     this.points.show(translateInSpace(before, held.ids, way, held.what));
   }
 
@@ -762,7 +762,7 @@ export class SpacePoints {
     const { marks, points } = this,
       { editor, sender } = points.edited;
     if (hit && POINT_STEPS[key]) {
-      const ids = editor.get("points").map((p: Point) => p.id);
+      const ids = editor.get("points").map((p: SpacePoint) => p.id);
       return marks.handles.focusNext(ids, POINT_STEPS[key], hit.id);
     }
     if (key !== "z" && key !== "y") return false;
@@ -776,7 +776,7 @@ export class SpacePoints {
       length = voxels * Math.min(...this.view.camera.info.spacing);
     if (!p || points.isLocked) return;
     if (!points.selected.has(id)) points.select([id]);
-    const way = unitVector(this.drag.way(p.target as Vector3, by)),
+    const way = unitVector(this.drag.way(p.target, by)),
       ids = [...points.selected];
     if (way)
       points.edited.sender.edit(translateInSpace(points.list, ids, scaled(way, length)), "nudge", `nudge ${ids}`);

@@ -182,7 +182,7 @@ function nearestColumn(direction: Matrix3, toward: Vector3, without: Vector3 | n
 export function planeAlong(grid: Grid, view: string): Plane {
   const axis = view[1] as AxisName,
     sign = view[0] === "+" ? 1 : -1;
-  const unit = (vector: Vector3) => unitVector(vector) as Vector3;
+  const unit = (vector: Vector3) => unitVector(vector)!;
   const n = unit(
     nearestColumn(
       grid.direction,

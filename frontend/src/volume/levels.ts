@@ -227,8 +227,8 @@ function changesOf(transfer: Transfer) {
   const rgba = values.map((value) => colourAt(transfer, value));
   return values
     .slice(1)
-    .flatMap((high, k) =>
-      rgba[k]!.some((part, j) => part !== rgba[k + 1]![j]) ? [[values[k]!, high] as Vector2] : [],
+    .flatMap((high, k): Vector2[] =>
+      rgba[k]!.some((part, j) => part !== rgba[k + 1]![j]) ? [[values[k]!, high]] : [],
     );
 }
 

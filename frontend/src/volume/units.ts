@@ -2,7 +2,7 @@
 
 import { shownText } from "../formats/reading.ts";
 import { NO_UNITS, UNIT_LOWER_WORDS, UNIT_METRES, UNIT_WORDS } from "../generated.ts";
-import type { Vector3 } from "../types.ts";
+import { perAxis } from "../maths/axes.ts";
 
 const WORDS: Record<string, string> = UNIT_WORDS,
   LOWER: Record<string, string> = UNIT_LOWER_WORDS;
@@ -37,10 +37,10 @@ export function unitRatio(unit: string, to: string) {
  */
 export function commonUnit(units: string[], notes: string[]) {
   const unit = units.find((one) => one) ?? "",
-    factors = units.map((one) => unitRatio(one, unit));
+    factors = perAxis((k) => unitRatio(units[k] ?? "", unit));
   if (new Set(units).size > 1) {
     const each = units.map((one, k) => "xyz"[k] + (one ? ` in ${one}` : " without a unit")).join(", ");
     notes.push(`the axes of the file are measured in different units (${each}); all are in ${unit} now`);
   }
-  return { unit, factors: factors as Vector3 };
+  return { unit, factors };
 }

@@ -2,6 +2,7 @@
 // It has no widget and no pointer; all inputs are arrays and numbers.
 
 import { perAxis } from "../maths/axes.ts";
+import { mapVector } from "../maths/camera.ts";
 import { type Clip, clipSides, leftOf } from "../maths/clipping.ts";
 import type { Sides, Vector2, Vector3, Vector4 } from "../types.ts";
 import { CELL, emptyCells, QUICK_CELL } from "./empty_space.ts";
@@ -361,7 +362,7 @@ export class RayCaster {
     const { gpu } = this,
       { gl, targets } = gpu,
       ground = BACKGROUNDS[this.background];
-    const [width, height] = name && isQuick ? (targets[name]!.extent.map(Math.ceil) as Vector2) : this.size;
+    const [width, height] = name && isQuick ? mapVector(targets[name]!.extent, Math.ceil) : this.size;
     gpu.fit(width, height);
     const nothing: Pick<Target, "extent" | "start"> & { texture: WebGLTexture | null } = {
       texture: null,

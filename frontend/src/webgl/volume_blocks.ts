@@ -262,8 +262,8 @@ export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32
       z = Math.floor(k / size[0] / size[1]);
     sum[k]! /= along(nx, x) * along(ny, y) * along(nz, z);
   }
-  const [close, strength] = AMBIENT_NEAR as Vector2,
-    [wide, strengthFar] = AMBIENT_FAR as Vector2;
+  const [close, strength] = AMBIENT_NEAR,
+    [wide, strengthFar] = AMBIENT_FAR;
   const near = blur(sum, size, close),
     far = blur(blur(near, size, wide), size, wide);
   const out = new Uint8Array(sum.length);
