@@ -18,7 +18,7 @@ from deformnb.native.jobs import Loops
 
 _WIDE = ("int32", "float64")  # interpolated in float64, since float32 would change them
 
-Nodes = tuple[tuple[NDArray[np.int32], NDArray[np.float32]], ...]
+NodeTables = tuple[tuple[NDArray[np.int32], NDArray[np.float32]], ...]
 """Along z and y the first node that each voxel reads (n,), and the weights (taps, n) of the nodes from there."""
 
 PlaceTables = Sequence[NDArray[Any]]
@@ -93,7 +93,7 @@ class VoxelSource:
         out: NDArray[Any],
         start: tuple[int, int, int],
         d: Sequence[NDArray[np.float32]],
-        nodes: Nodes | None = None,
+        nodes: NodeTables | None = None,
     ) -> None:
         """Fill a box of the output under displacements in space.
 
