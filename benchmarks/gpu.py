@@ -103,10 +103,8 @@ def _kernels(volume: Volume, field: RBFInterpolant) -> Iterator[tuple[str, Run, 
                 fill,
                 shape=volume.shape,
                 method="linear",
-                step=1,
                 compute="float32",
                 index="int32",
-                near=True,
             )
 
         yield "general warp", warp, moved
