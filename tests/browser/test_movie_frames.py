@@ -13,6 +13,7 @@ from browser.live_page import LivePage
 from deformnb.document.deformation import Deformation
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.messages.views import MoviePiece
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.page_scene import PageGoneError, PageScene
 from deformnb.widgets.view.stills import display_scene
@@ -97,9 +98,9 @@ def test_a_large_frame_comes_in_pieces_and_is_near_what_python_draws(page: LiveP
     scene = scene_of(view, size)
     take = scene.receive
 
-    def counted(content: dict[str, Any], buffers: list[Any]) -> None:
-        pieces.append(len(buffers[0]))
-        take(content, buffers)
+    def counted(message: MoviePiece, piece: Any) -> None:
+        pieces.append(len(piece))
+        take(message, piece)
 
     scene.receive = counted  # type: ignore[method-assign]
     scene.set_field(bent(6.0).field(GRID))
@@ -111,7 +112,9 @@ def test_a_large_frame_comes_in_pieces_and_is_near_what_python_draws(page: LiveP
     # The lamps are not quite alike, nor are soft edges and the ground: what is seen is, and about as bright.
     is_body, is_still = (np.abs(image - image[2, 2]).max(axis=2) > 40 for image in (frame, still))
     assert (is_body != is_still).mean() < 0.04 < 0.1 < is_body.mean()
-    assert np.abs(frame - still).mean() < 12
+    apart = (frame - still)[is_body & is_still]  # the ground of the page is darker towards the corners
+    assert abs(apart.mean()) < 8
+    assert np.abs(apart).mean() < 18
 
 
 def test_a_page_that_closes_or_fails_ends_the_wait(page: LivePage) -> None:

@@ -32,9 +32,6 @@ from deformnb.widgets.studio.status import StudioStatus, as_html, reason_of
 from deformnb.widgets.studio.view_sync import StudioLink
 from deformnb.widgets.worker import Worker
 
-_HALF, _WHOLE = "1 1 320px", "1 1 100%"
-_SPACE_SHARE, _LOWEST = 0.7, 160  # of the height: in space pictures and view are one below the other
-
 
 def make_editor(session: Session, height: int) -> Editor:
     """An editor of the step that a session edits, empty if that is in space; its undo is the session's."""
@@ -125,17 +122,17 @@ class StudioEditors:
     Attributes
     ----------
     plane : the editor on a picture; space : the one in space, None until a step needs it.
-    box : the place; beside : that of the view. Three pictures need the whole width, and the view goes below them.
+    box : the place; beside : that of the view.
     """
 
     def __init__(self, session: Session, height: int, listen: Callable[[Any], None]) -> None:
         self._session, self._listen = session, listen
-        self._low_height = max(_LOWEST, int(_SPACE_SHARE * height))
+        self._height = height
         self.plane = make_editor(session, height)
         self.space: SpaceEditor | None = None
         listen(self.plane)
-        self.box = Box([self.plane], flex=_HALF, min_width="0")
-        self.beside = Box([], flex=_HALF, min_width="0")
+        self.box = Box([self.plane], min_width="0")
+        self.beside = Box([], min_width="0")
         basic.own_layout(self.plane).width = "100%"
         self.plane.fill, self.plane.theme = True, "dark"
         if session.editing.step.plane is None:
@@ -156,10 +153,12 @@ class StudioEditors:
             made = SpaceEditor(
                 session.volume,
                 session.editing.points,
-                height=self._low_height,
+                height=self._height,
                 history=session.editing.history,
                 transfer=session.pictures.transfer_function,
                 before=session.pictures.before(),
+                theme="dark",
+                fill=True,
             )
         made.chooses_support = False
         basic.own_layout(made).width = "100%"
@@ -187,9 +186,6 @@ class StudioEditors:
                 editor.before = made
             self.show_step()
         if self.box.children != (editor,):
-            in_space = editor is self.space
-            self.box.set_style(flex=_WHOLE if in_space else _HALF)
-            self.beside.set_style(min_height=f"{self._low_height}px" if in_space else None)
             self.box.children = (editor,)
 
     def show_step(self) -> None:

@@ -142,6 +142,7 @@ export class SpaceEditorView extends EditorDrawing {
     bar.insertBefore(group, bar.children[2]!);
     const chooser = pageElement("select", "dnb-sp-select", group, {
       "aria-label": "What the pictures show",
+      title: "What the pictures show",
       ...OWN_KEYS,
     });
     for (const [name, title] of Object.entries(SPACE_PROJECTIONS)) {

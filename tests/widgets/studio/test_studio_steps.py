@@ -278,6 +278,7 @@ def test_a_step_in_space_has_an_editor_of_its_own(studio: Studio) -> None:
     space = studio.editor
     assert space is not flat
     assert studio.parts.editors.box.children == (space,)
+    assert (space.theme, space.fill) == (flat.theme, flat.fill) == ("dark", True)  # of the dark pane, as tall as that
     assert len(space.points) == 8
     points = space.points.add([12.0, 10.0, 8.0], [15.0, 10.0, 8.0])
     drag(studio, points)
