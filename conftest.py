@@ -1,4 +1,4 @@
-"""What tests and the examples in the docstrings share: no session that saves itself goes into the user's own folder."""
+"""Fixtures of tests and of the examples in docstrings: no autosaved session goes into the user's own folder."""
 
 from __future__ import annotations
 

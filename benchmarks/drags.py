@@ -211,7 +211,7 @@ def _row(rounds: list[dict[str, Any]]) -> str:
 
 
 def _histogram(tasks: list[float]) -> list[int]:
-    """How many tasks there are in each bin; the last has all that are longer."""
+    """Number of tasks in each bin; the last has all that are longer."""
     ends = [*_BINS[1:], math.inf]
     return [sum(low <= task < high for task in tasks) for low, high in zip(_BINS, ends, strict=True)]
 

@@ -159,7 +159,7 @@ def _measure(browser: Any, lab: Any, size: int, results: Results, options: argpa
 
 
 def _edits(seat: Seat, is_target: bool, options: argparse.Namespace) -> int:
-    """How many edits of a view are timed in one round."""
+    """Number of edits of a view that are timed in one round."""
     whole = options.edits if is_target and seat.name in TARGETS else options.edits // _FEWER
     return max(1, -(-whole // options.rounds))
 

@@ -146,7 +146,7 @@ def _pyvista_rca(size: int) -> list[str]:
 
 
 RIVALS: dict[str, Callable[[int], list[str]]] = {"pyvista, trame": _pyvista, "pyvista, trame-rca": _pyvista_rca}
-"""What pyvista offers, by its name in the report."""
+"""The functions of pyvista, by their names in the report."""
 
 CASES: dict[str, Callable[[int], list[str]]] = {
     "Editor + LiveView": _ours("LiveView"),

@@ -342,7 +342,7 @@ class Seat:
         return carried
 
     def changes(self, step: float) -> bool:
-        """Whether an edit changes the picture on the screen, by screenshots, which measure no time."""
+        """Check by screenshots, which measure no time, whether an edit changes the picture on the screen."""
         self._wait(lambda: self.page.evaluate(_VIEW_BOX), 20, "the view has no size on the page")
         box = self.page.evaluate(_VIEW_BOX)
         before = _pixels(self.page.screenshot(clip=box))

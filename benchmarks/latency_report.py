@@ -1,4 +1,4 @@
-"""What ``python -m benchmarks latency`` prints: a table for each size, and each target with whether it is met."""
+"""The report of ``python -m benchmarks latency``: a table for each size, and each target with whether it is met."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def median(result: dict[str, Any], what: str = "edit_ms") -> float:
 
 
 def _faster(result: dict[str, Any], rival: dict[str, Any]) -> float:
-    """How many times sooner than the rival's the pixels come; medians of one run."""
+    """Ratios of the rival's latency to ours, until the pixels come; medians of one run."""
     return median(rival) / median(result)
 
 
@@ -148,7 +148,7 @@ def _rate(result: dict[str, Any], part: str) -> tuple[str, bool]:
 
 
 def _lag(result: dict[str, Any]) -> tuple[str, bool]:
-    """How much later the last picture comes after a long drag; one that has just begun may come in between."""
+    """Delay of the last picture after a long drag; one that has just begun may come in between."""
     short, long = result["short_drag"]["catch_up_ms"], result["long_drag"]["catch_up_ms"]
     return f"last picture after {short:.0f} and {long:.0f} ms", long - short <= max(_LEAST_LAG, median(result))
 

@@ -137,7 +137,7 @@ def errors(cases: Iterator[Case] | None = None) -> list[Found]:
 
 
 def is_reached(found: Found) -> bool:
-    """Whether the choice is not worse than the better plate by more than a quarter and half a pixel."""
+    """Check that the choice is not worse than the better plate by more than a quarter and half a pixel."""
     return found.error["chosen"] <= max(1.25 * found.plate, found.plate + 0.5)
 
 

@@ -13,9 +13,9 @@ Conventions
   ``D(target) = source - target``: the source appears exactly at the target.
 - Outside a volume, half a voxel beyond the outermost centres, is its background (its smallest value).
 
-What a notebook types is here. All else is in the packages: ``dn.analysis``, ``dn.chunked``, ``dn.document``,
-``dn.imaging``, ``dn.interop``, ``dn.io``, ``dn.rbf``, ``dn.registration``, ``dn.session``, ``dn.warping``,
-``dn.datasets``, ``dn.widgets`` and ``dn.errors``.
+The names that a notebook uses are here. All others are in the packages: ``dn.analysis``, ``dn.chunked``,
+``dn.document``, ``dn.imaging``, ``dn.interop``, ``dn.io``, ``dn.rbf``, ``dn.registration``, ``dn.session``,
+``dn.warping``, ``dn.datasets``, ``dn.widgets`` and ``dn.errors``.
 Where a field is required, a Deformation will do; where a Grid is required, a Volume; where points are, Landmarks. Where
 a Volume is required, these are accepted too: an image of SimpleITK, ITK, nibabel, pyvista, VTK or xarray, a layer of
 napari, the path of a file, or an array, which has no place and is put at the origin with voxels 1 apart.

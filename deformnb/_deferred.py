@@ -56,7 +56,7 @@ class _AfterImport(MetaPathFinder):
         self._waiting: list[Callable[[], object]] | None = []
 
     def add(self, function: Callable[[], object]) -> None:
-        """Call this when the module has been imported, at once if it has."""
+        """Call a function when the module has been imported, immediately if it has."""
         with self._lock:
             if self._waiting is not None:
                 self._waiting.append(function)
@@ -97,7 +97,7 @@ else:
 
 
 def call_after_jax(function: Callable[[], object]) -> None:
-    """Call a function once JAX has been imported, by anyone: at once if it has."""
+    """Call a function once JAX has been imported, by any thread; immediately if it has."""
     _JAX.add(function)
 
 

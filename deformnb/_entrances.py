@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 READERS: dict[str, Callable[..., Any]] = {}
-"""By what is read: "volume", "channels", "mesh" or "grid". Each takes a path."""
+"""Readers of paths, by the type of the result: "volume", "channels", "mesh" or "grid"."""
 
 CONVERSIONS: dict[str, Callable[..., Any]] = {}
 """By their names in :mod:`deformnb.volume.converters`: "one_volume", "several_channels", "grid_of", "states_place"."""

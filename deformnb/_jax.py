@@ -173,7 +173,7 @@ _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512, "xla_cpu_enable_fast_min_max
 # threads it waits for both halves (two threads on two processors: 10 to 17 per cent longer).
 _ONE_THREAD = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
 
-_LARGE = 2**18  # bytes from which on arrays come from a GPU by way of pinned memory
+_LARGE = 2**18  # bytes from which on arrays come from a GPU through pinned memory
 
 
 @cache
@@ -288,8 +288,8 @@ def jit(
 def each(function: Callable[[Any], Any], of: Any) -> Any:
     """The results of a function for each entry of arrays along their first axis, stacked, in a :func:`jit` one.
 
-    A processor does one after the other, so that what an entry needs stays in its cache (``lax.map``); a GPU does all
-    at once (``jax.vmap``), for its work between two launches must be large.
+    A processor does one after the other, so that the data of an entry stay in its cache (``lax.map``); a GPU does all
+    in parallel (``jax.vmap``), for its work between two launches must be large.
     """
     return lax.map(function, of) if devices.is_host() else jax.vmap(function)(of)
 
@@ -297,7 +297,7 @@ def each(function: Callable[[Any], Any], of: Any) -> Any:
 def as_numpy(array: Any) -> NDArray[Any]:
     """An array of JAX in NumPy's memory, read-only: shared with a processor, brought from a GPU.
 
-    By way of memory that the system does not move (pinned), 16 MB take 0.7 ms from an H200 instead of 3.6.
+    Through memory that the system does not move (pinned), 16 MB take 0.7 ms from an H200 instead of 3.6.
     """
     if isinstance(array, np.ndarray) or devices.is_host() or array.nbytes < _LARGE:
         return np.asarray(array)
@@ -312,7 +312,7 @@ def blockwise(function: Callable[..., Any], **options: Any) -> Callable[..., Any
     """A compiled function of many places, in 64 bits, compiled for two sizes and not for each number of places.
 
     A processor takes one block of places after the other, so that their arrays stay in its cache, and none that is
-    empty; a GPU takes all at once.
+    empty; a GPU takes all in parallel.
 
     Parameters
     ----------

@@ -195,7 +195,7 @@ def check_fields(owner: Any, *names: str) -> None:
     Raises
     ------
     DeformError
-        Naming the field and what it must be.
+        Naming the field and its valid values.
 
     Examples
     --------

@@ -32,8 +32,8 @@ def use_device(name: str) -> None:
 
     Parameters
     ----------
-    name : one of :data:`DEVICE_KINDS`, or with a number, as "gpu:1". Warpers made before keep their voxels where they
-        are, so choose first.
+    name : one of :data:`DEVICE_KINDS`, or with a number, as "gpu:1". The voxels of warpers made before stay on
+        their device, so choose first.
 
     Raises
     ------

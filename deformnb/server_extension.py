@@ -6,7 +6,7 @@ it does. A dragged point is delayed by that wait at every step. The extension sw
 websockets of kernels and changes nothing else.
 
 It comes with the package: ``etc/jupyter/jupyter_server_config.d/deformnb.json`` enables it for JupyterLab, Notebook 7
-and Voila inside either. Voila on its own loads no extensions; the class can be named to it instead::
+and Voila inside either. Voila alone loads no extensions; the class can be named to it instead::
 
     voila --Voila.kernel_websocket_connection_class=deformnb.server_extension.PromptConnection notebook.ipynb
 """
@@ -28,12 +28,12 @@ def _load_jupyter_server_extension(app: Any) -> None:
     try:
         from jupyter_server.services.kernels.connection.channels import ZMQChannelsWebsocketConnection as Usual
     except ImportError:  # a server before 2.0 has no such setting
-        app.log.info("deformnb: this Jupyter Server cannot send small messages at once; all else works.")
+        app.log.info("deformnb: this Jupyter Server cannot send small messages without delay; all else works.")
         return
     settings = app.web_app.settings
     if settings.get(_SETTING) is Usual:  # a gateway's class, or another extension's, has precedence
         settings[_SETTING] = _prompt_connection()
-        app.log.info("deformnb: small messages of kernels are sent at once.")
+        app.log.info("deformnb: small messages of kernels are sent without delay.")
 
 
 @cache

@@ -78,7 +78,7 @@ class Copy:
             Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
 
     def test(self, tests: list[str], minutes: float) -> tuple[str, str]:
-        """What pytest said, in a word, and its last line. What takes too long may hang, or the machine is busy."""
+        """Outcome of pytest in a word, and its last line. A run that takes too long hangs, or the machine is busy."""
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(self.root), str(self.root / "lessons")])}
         for own in ("PYTEST_ADDOPTS", "PYTHONDONTWRITEBYTECODE"):
             environment.pop(own, None)

@@ -1,4 +1,4 @@
-"""Where a mutant goes: a text inside the source of a symbol, wherever the file with that symbol lies today."""
+"""Places of mutants: a text inside the source of a symbol, in whichever file has that symbol today."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def symbols(tree: ast.Module) -> Iterator[tuple[str, ast.stmt]]:
 
 
 def start_of(node: ast.stmt, text: str) -> int:
-    """Where a definition begins, in characters, with its decorators and its indent."""
+    """Start of a definition, in characters, with its decorators and its indent."""
     return positions(text)(min([node.lineno, *(d.lineno for d in getattr(node, "decorator_list", []))]), 0)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 _shared: dict[pytest.FixtureDef[Any], pytest.FixtureRequest] = {}
-"""What tests of a module share and is set up now, in the order in which that happened."""
+"""Fixtures of a module that are set up now, in the order in which that happened."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

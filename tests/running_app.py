@@ -149,7 +149,7 @@ class Socket:
         return answer["result"] if "result" in answer else answer["error"]
 
     async def login(self, secret: Any) -> bool:
-        """Whether the server accepts a password."""
+        """Check whether the server accepts a password."""
         answer = await self.answer(await self.send("wslink.hello", {"secret": secret}, system=True))
         return "result" in answer
 

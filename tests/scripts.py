@@ -38,7 +38,7 @@ def _node() -> str:
 
 
 def run_script(modules: tuple[str, ...], main: str, data: Any) -> Any:
-    """What ``main``, the text of a JavaScript function, returns for ``data``; it sees all that these modules export."""
+    """Result of ``main``, the text of a JavaScript function, for ``data``; it sees all that these modules export."""
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(
             [_node(), str(_program(modules, main, Path(folder)))],

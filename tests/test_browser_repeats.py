@@ -1,4 +1,4 @@
-"""Which tests are repeated, and what is said of it: small suites of their own, in processes of their own."""
+"""Repetition of tests, and its report: small suites in separate processes."""
 
 from __future__ import annotations
 

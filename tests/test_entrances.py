@@ -488,7 +488,7 @@ def test_every_public_entrance_has_its_row() -> None:
 
 
 def outcome(call: Callable[[Any, Path], Any], given: Any, folder: Path) -> Any:
-    """What a call gives, in comparable form: arrays, grids and numbers; or that it refuses."""
+    """Result of a call in comparable form: arrays, grids and numbers; or its refusal."""
     try:
         return plain(call(given, folder))
     except DeformError as error:

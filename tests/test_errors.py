@@ -1,4 +1,4 @@
-"""How errors are shown: a message in IPython, whole tracebacks everywhere else and where they are requested."""
+"""Display of errors: a message in IPython, whole tracebacks everywhere else and where they are requested."""
 
 from __future__ import annotations
 

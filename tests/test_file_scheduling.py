@@ -1,4 +1,4 @@
-"""How files of tests are shared out among processes: the scheduler with processes that are not there."""
+"""Distribution of files of tests over processes: the scheduler with simulated processes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OTHERS = [f"tests/test_{name}.py::test_{k}" for name in "fghij" for k in range(4
 
 
 class Process:
-    """What the scheduler knows of a process; ``files`` are those handed to it, in order."""
+    """A simulated process; ``files`` are those assigned to it, in order."""
 
     def __init__(self, name: str, tests: Sequence[str]) -> None:
         self.gateway, self.shutting_down, self.tests = SimpleNamespace(id=name), False, tests
@@ -38,7 +38,7 @@ def config(processes: int, dist: str = "loadfile") -> Any:
 
 
 def run(limit: int, processes: int, tests: Sequence[str]) -> list[set[str]]:
-    """Which files are run side by side, moment after moment; each test is run once, and each file in one process."""
+    """Files that run at the same time, moment after moment; each test runs once, and each file in one process."""
     scheduler, nodes = scheduled(tests, limit, processes)
     moments, done = [], []
     while any(node.waiting for node in nodes):

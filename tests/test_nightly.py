@@ -1,4 +1,4 @@
-"""What of a table is run at each change: cases with each value of each argument, or every n-th."""
+"""The cases of a table that are run at each change: those with each value of each argument, or every n-th."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def test_a_lesson_runs_and_passes_no_exercise_that_was_not_done(path: Path, kern
 
 
 def executed(path: Path, kernel: str, tmp_path: Path) -> list[list[Any]]:
-    """What each code cell puts out; there is no error in it, no warning, and no folder of this machine."""
+    """Output of each code cell; it has no error, no warning, and no folder of this machine."""
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     notebook = nbformat.read(path, as_version=4)
     work = tmp_path / "work"

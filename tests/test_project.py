@@ -348,7 +348,7 @@ def _modules() -> dict[str, tuple[ast.AST, ...]]:
 
 
 def _named_here(module: str, nodes: tuple[ast.AST, ...]) -> dict[str, str]:
-    """What a name at the top of a module is in full, for classes of it and what it imports from others."""
+    """Full names of the classes of a module and of its imports from others."""
     named = {node.name: f"{module}.{node.name}" for node in nodes if isinstance(node, ast.ClassDef)}
     for node in nodes:
         if isinstance(node, ast.ImportFrom) and node.module:
@@ -362,7 +362,7 @@ MOST_METHODS, MOST_ATTRIBUTES = 30, 15
 
 
 def _size_of(found: ast.ClassDef) -> tuple[int, int]:
-    """How many methods a class has, properties among them, and how many attributes: of itself and of its instances."""
+    """Numbers of methods of a class, with its properties, and of attributes: its own and those of its instances."""
     methods = {node.name for node in found.body if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)}
     stored = [target for node in found.body if isinstance(node, ast.Assign) for target in node.targets]
     stored += [node.target for node in found.body if isinstance(node, ast.AnnAssign)]
@@ -580,7 +580,8 @@ def test_docstrings_of_modules_are_sentences_and_name_modules_that_exist() -> No
 def test_docstrings_begin_with_a_noun_phrase_or_an_imperative() -> None:
     """Those of constants too, which are plain strings below them."""
     found = []
-    for path in sorted(path for package in PACKAGES for path in package.rglob("*.py")):
+    folders = (*PACKAGES, *(ROOT / name for name in ("benchmarks", "mutants", "tests")))
+    for path in sorted((*ROOT.glob("*.py"), *(path for folder in folders for path in folder.rglob("*.py")))):
         for node in _nodes(path):
             text = node.value.value if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) else None
             if isinstance(text, str) and re.match(r"\s*(What|How|When|Where|Who|Whose|Whether|Which|Why)\b", text):

@@ -1,4 +1,4 @@
-"""What the functions of a notebook take: a deformation or a field, a volume for its grid, landmarks for points.
+"""Arguments of the functions of a notebook: a deformation or a field, a volume for its grid, landmarks for points.
 
 All else is refused by name.
 """

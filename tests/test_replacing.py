@@ -128,7 +128,7 @@ REFUSERS: dict[str, tuple[str, Callable[..., Any]]] = {
     "warp": (".zarr", lambda path, **o: dn.chunked.warp(VOLUME, SHIFT, path, **o)),
     "unpack": (".zarr", _unpacked),
 }
-"""What refuses to replace unless it is told to."""
+"""Functions that replace a file only with ``overwrite=True``."""
 
 
 def test_every_function_that_writes_has_its_row_and_the_default_of_its_name() -> None:

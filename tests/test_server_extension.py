@@ -46,7 +46,7 @@ class Server(Host):
 
 
 def application(connection_class: Any) -> Any:
-    """What the extension sees of a server, with the lines it logs."""
+    """A server as the extension sees it, with the lines that it logs."""
     lines: list[str] = []
     return SimpleNamespace(
         web_app=SimpleNamespace(settings={SETTING: connection_class}),

@@ -115,7 +115,7 @@ def owners_of(names: set[str]) -> dict[str, set[str]]:
 
 
 def brought_by_run() -> set[str]:
-    """What a minimal Debian has and what ``run`` installs, with all that these depend on, as far as it is installed."""
+    """Packages of a minimal Debian and those that ``run`` installs, with their dependencies, as far as installed."""
     fields = ("Package", "Essential", "Priority", "Provides", "Pre-Depends", "Depends")
     table = subprocess.run(
         ["dpkg-query", "-W", "-f", "\t".join(f"${{{field}}}" for field in fields) + "\n"],

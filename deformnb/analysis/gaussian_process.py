@@ -228,7 +228,7 @@ class Uncertainty:
     ----------
     system : the fit with its inverse.
     sigma : scale of the process, physical units.
-    open : Q (dim, dim) by which what the trend misses at a place is weighed; None for trends without a linear part.
+    open : Q (dim, dim) weights of the error of the trend at a place; None for trends without a linear part.
 
     Examples
     --------

@@ -50,8 +50,8 @@ class FitQuality:
     Parameters
     ----------
     ids : of the active points, in order.
-    residual : (N, dim) D(target) - (source - target): what smoothing left; zero but for rounding without it.
-    leave_one_out : (N, dim) source - target less what the fit of all other points displaces the target by.
+    residual : (N, dim) D(target) - (source - target), of smoothing; zero but for rounding without it.
+    leave_one_out : (N, dim) source - target less the displacement of the target in the fit of all other points.
     disagreement : (N,) length of that over the distance to the nearest target at another place: the strain that this
         point alone requires. Zero for a single point.
     suspects : ids of points that disagree with their neighbours; see :func:`fit_quality`.
@@ -121,7 +121,7 @@ def fit_quality(
     options: dict[str, Any] = {"kernel": kernel, "trend": trend, "smoothing": smoothing}
     active = points.take(np.flatnonzero(points.active))
     if len(active) and not active.displacement.any():
-        fit_one_system(points, support=support, **options)  # raises what it would otherwise
+        fit_one_system(points, support=support, **options)  # raises the error of another set
         zero = np.zeros(active.target.shape)
         return FitQuality(active.ids, zero, zero, np.zeros(len(active)), (), 0.0, 0.0, 1.0, zero)
     system = fit_system(points, support=support, **options)
@@ -245,7 +245,7 @@ def _essential_rows(system: FitSystem) -> NDArray[np.bool_]:
 
 
 def _leave_one_out(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
-    """The leave-one-out errors (n, dim) in units of the support, all at once; zero for the points left ``alone``."""
+    """The leave-one-out errors (n, dim) in units of the support, all together; zero for the points left ``alone``."""
     c = system.energy
     diagonal = np.where(alone, 1.0, c.diagonal())[:, None]
     cd = c @ system.d
@@ -321,7 +321,7 @@ def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
     ids, gaps, holds = np.array(system.ready.ids), _gaps(system.x), _holding_the_rim(system)
     while system.kept.sum() >= system.dim + 4 and len(found) < _MOST_SUSPECTS:
         lengths = _lengths(_leave_one_out(system, _alone(system)))
-        eased = np.sqrt(np.abs(system.energy.diagonal())) * lengths  # its square is what the energy falls by without it
+        eased = np.sqrt(np.abs(system.energy.diagonal())) * lengths  # its square is the fall of the energy without it
         marked = ~holds & (lengths >= STRAIN * gaps) & (eased >= _STANDS_OUT * np.median(eased[system.kept]))
         if not marked.any():
             break

@@ -42,7 +42,7 @@ SETTABLE = {
     "DropdownModel": {"index"},
     "SelectMultipleModel": {"index"},
 }
-"""Traits of ipywidgets that a client may set, by the name of the model. Our own widgets check what they are sent."""
+"""Traits of ipywidgets that a client may set, by the name of the model. Our own widgets check their messages."""
 
 _LONGEST_NAME = 64
 _REFERENCE = "IPY_MODEL_"

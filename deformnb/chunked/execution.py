@@ -12,7 +12,7 @@ from deformnb.errors import DeformError, MissingPackageError
 # Work with more bytes of arrays is given to each worker once instead of travelling with the list of tasks.
 _LARGE = 2**20
 
-# How often a block is tried anew on another worker after its own crashed or its file system failed.
+# Retries of a block on another worker after its own crashed or its file system failed.
 _RETRIES = 3
 
 

@@ -39,7 +39,7 @@ _CAST = {"uint32": "int32", "int64": "int32", "uint64": "int32", "float16": "flo
 # Voxels along each axis that are compared when a job resumes: each unpacks a chunk, some milliseconds.
 _SAMPLES = 3
 
-# The part of a source that is read at once to find its smallest value.
+# The part of a source that is read in one call to find its smallest value.
 _SLAB_BYTES = 2**25
 
 HDF5 = (".h5", ".hdf5", ".hdf", ".he5")
@@ -195,7 +195,7 @@ def _stamp(path: str | Path) -> str:
 
 
 def _stamps(folder: Path) -> str:
-    """A checksum of the names, sizes and times of all files in a folder: a chunk that is written anew is another."""
+    """A checksum of the names, sizes and times of all files in a folder: a chunk that is written again is another."""
     digest, waiting = hashlib.sha256(), [str(folder)]
     while waiting:
         with os.scandir(waiting.pop()) as entries:
@@ -259,7 +259,7 @@ class LargeVolume:
 
     @property
     def unit(self) -> str:
-        """The unit of lengths, as the grid has it; "" if it is not known."""
+        """The unit of lengths, that of the grid; "" if it is not known."""
         return self.grid.unit
 
     @property
@@ -349,7 +349,7 @@ class LargeVolume:
 
 
 class ChunkCache:
-    """Cache of recently unpacked chunks of a source. Blocks of a result overlap in what they read, so that each chunk
+    """Cache of recently unpacked chunks of a source. Blocks of a result read overlapping regions, so that each chunk
     would be unpacked many times. May be read from several threads; another process begins with an empty one.
 
     Parameters

@@ -1,12 +1,12 @@
 """The unfinished result of a job next to its target: which blocks are done, and of which job.
 
-A job writes into the folder ``.NAME.unfinished`` next to its target: the pyramid, ``job.json`` with a checksum of all
-that decides on its voxels, and ``done.txt`` with a line for each finished block: level, number, checksum of what is
-stored, and a checksum of the line itself. A block is on the disk before its line is.
+A job writes into the folder ``.NAME.unfinished`` next to its target: the pyramid, ``job.json`` with a checksum of
+everything that determines its voxels, and ``done.txt`` with a line for each finished block: level, number, checksum of
+the stored data, and a checksum of the line itself. A block is on the disk before its line is.
 
 An interrupted job resumes from there and trusts nothing: the content of the folder is removed unless it is a block
-with the checksum of its line, or a document of metadata as this job writes it; missing blocks are then computed anew. A
-job of another source, deformation or grid is refused. At the end the pyramid gets the name of the target.
+with the checksum of its line, or a document of metadata as this job writes it; missing blocks are then computed again.
+A job of another source, deformation or grid is refused. At the end the pyramid gets the name of the target.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def _partial_path(target: Path) -> Path:
 def _damage_error(folder: Path, why: str) -> DeformError:
     return DeformError(
         f"{printable(folder.name)}, the unfinished result of an earlier call, is damaged: {why}. Remove "
-        "that folder and call again, which computes all anew."
+        "that folder and call again, which computes all blocks."
     )
 
 
@@ -369,7 +369,7 @@ def _read_finished_blocks(folder: Path, mark: str) -> dict[tuple[int, int], str]
         words = text.split(" ")
         if proof == _checksum(mark, text) and len(words) == 3:
             done[int(words[0]), int(words[1])] = words[2]
-    # A line that a killed process has begun would merge with the next; so the list is written anew.
+    # A line that a killed process has begun would merge with the next; so the list is written again.
     with atomic_write(folder / _DONE) as file:
         for (level, block), stored in done.items():
             text = f"{level} {block} {stored}"

@@ -93,9 +93,10 @@ def warp(
     Notes
     -----
     The result gets its name when it is complete. A job that was interrupted, cancelled or killed resumes when it is
-    called again: finished blocks are noted in a folder next to the target, with a checksum of each block, and only what
-    was in work, or is not any more as it was written, is computed anew. A source that was changed meanwhile is refused:
-    of files by their times, sizes and samples of the voxels, of arrays in memory by all voxels, of others by samples.
+    called again: finished blocks are noted in a folder next to the target, with a checksum of each block, and only
+    blocks that were in work, or have changed since they were written, are computed again. A source that was changed
+    meanwhile is refused: of files by their times, sizes and samples of the voxels, of arrays in memory by all voxels,
+    of others by samples.
 
     Examples
     --------
@@ -316,7 +317,7 @@ def _write(
             )
         if not store.damaged:
             return ()
-        return (f"{store.damaged} finished blocks of an earlier run were missing or damaged and were computed anew",)
+        return (f"{store.damaged} finished blocks of an earlier run were missing or damaged and were computed again",)
 
 
 def _levels(job: BlockWarp, store: UnfinishedStore) -> Iterator[tuple[Callable[[int], None], Blocks]]:

@@ -175,7 +175,7 @@ def check_cache() -> Check:
         "compilation cache",
         os.access(place, os.W_OK),
         folder,
-        f"make {place} writable, or set JAX_COMPILATION_CACHE_DIR; without it every start compiles anew",
+        f"make {place} writable, or set JAX_COMPILATION_CACHE_DIR; without it every start compiles again",
     )
 
 

@@ -61,7 +61,7 @@ def copy_and_open(
 def copy_and_list(sources: list[Path], folder: Path) -> None:
     """Copy notebooks into a folder and report the new ones."""
     new, kept = copy_files(sources, folder)
-    for what, paths in (("new", new), ("kept as it is", kept)):
+    for what, paths in (("new", new), ("unchanged", kept)):
         for path in paths:
             print(f"{what:14} {path}")
 

@@ -92,7 +92,7 @@ def _transform(options: argparse.Namespace) -> None:
         note(
             "it maps backward, from places of the result to places of the input"
             if direction == "backward"
-            else "it maps forward, as its source says: from places of the input to places of the result"
+            else "it maps forward, as its source states: from places of the input to places of the result"
         )
         print(options.output)
         if beside is not None:

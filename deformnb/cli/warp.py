@@ -172,7 +172,7 @@ def add_warp(commands: Any) -> None:
     p.add_argument(
         "--volume",
         metavar="FILE",
-        help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they lie",
+        help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they are",
     )
     p.add_argument(
         "--memory",
@@ -301,7 +301,7 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
     volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
     if options.volumes and not volume.is_labels:
         raise DeformError(
-            f"--volumes is for labels, and {Path(options.input).name} does not say that it holds any; "
+            f"--volumes is for labels, and {Path(options.input).name} does not state that it holds any; "
             "add --labels if it does."
         )
     differs = tuple(_difference(document, volume))
@@ -414,7 +414,7 @@ def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: St
         margin = _lengths(options.margin)
         if margin == "fit":
             raise DeformError(
-                "--margin fit looks at all voxels at once; give lengths for a volume that is deformed in parts."
+                "--margin fit needs all voxels in memory; give lengths for a volume that is deformed in parts."
             )
         import numpy as np
 
@@ -608,7 +608,7 @@ def add_replay(commands: Any) -> None:
     p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
     p.add_argument("--fill", type=float, help="value outside a volume (default its smallest)")
     p.add_argument("--labels", action="store_true", help="the volumes hold labels: preserve their values")
-    p.add_argument("--volume", metavar="FILE", help="the volume in whose space meshes and landmarks lie")
+    p.add_argument("--volume", metavar="FILE", help="the volume in whose space meshes and landmarks are")
     add_spacing(p)
     add_device(p)
     p.add_argument("--suffix", default="", help="format of the resulting volumes, such as .nii.gz (default as input)")
@@ -683,7 +683,7 @@ def _check(options: argparse.Namespace) -> None:
     if options.suffix:
         find_format(Path(f"x{options.suffix}"), writing=True)
     if options.volume and is_mesh(options.volume):
-        raise DeformError(f"--volume names the volume in whose space meshes lie, and {options.volume} is a mesh.")
+        raise DeformError(f"--volume names the volume in whose space meshes are, and {options.volume} is a mesh.")
 
 
 class _Work:

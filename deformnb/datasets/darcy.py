@@ -345,7 +345,7 @@ def thompson_map(
     >>> laid.source_nodes.reshape(-1, 2).max(axis=0).round(9).tolist()
     [512.0, 200.0]
 
-    Two grids read from drawings of your own:
+    Two grids read from the user's drawings:
 
     >>> leaf = [[[0, 0], [40, 0], [80, 0]], [[0, 30], [40, 30], [80, 30]]]
     >>> older = [[[0, 10], [60, 0], [120, 0]], [[0, 50], [60, 60], [120, 60]]]

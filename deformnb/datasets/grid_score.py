@@ -73,7 +73,7 @@ def thompson_score(
 
     Parameters
     ----------
-    what : a deformation whose steps lie on one plane, one such step, a field of dimension 2, or (rows, columns, 2)
+    what : a deformation whose steps are on one plane, one such step, a field of dimension 2, or (rows, columns, 2)
         places that the nodes of the source grid were moved to, in picture coordinates.
     grids : the pair, placed on the same picture with :func:`thompson_map`.
     grid : of the volume, from which the support radius of a step with a single dragged point is derived; default is the
@@ -88,7 +88,7 @@ def thompson_score(
     Raises
     ------
     DeformError
-        If the steps do not lie on one plane, the array has another shape, or the pair moves nothing.
+        If the steps are not on one plane, the array has another shape, or the pair moves nothing.
 
     Examples
     --------
@@ -147,7 +147,7 @@ def _field(what: object, grids: ThompsonMap, grid: Grid | VolumeLike | None) -> 
     if any(step.plane is None or step.plane != steps[0].plane for step in steps):
         raise DeformError(
             "a step has its points in space or on another side than the first one, and Thompson's grids "
-            "lie on one picture; switch that step off, or give the steps of one side."
+            "are on one picture; switch that step off, or give the steps of one side."
         )
     if grid is None:
         wide, high = np.ptp(grids.source_nodes.reshape(-1, 2), axis=0)

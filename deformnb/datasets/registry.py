@@ -33,7 +33,7 @@ class Dataset:
     ----------
     title : short description.
     file : its name in the folder; the address may end otherwise.
-    address : where it is downloaded from; None if it has to be put into the folder by hand, see ``source``.
+    address : where it is downloaded from; None if the user has to put it into the folder, see ``source``.
     sha256, size : checksum and bytes of exactly that file, or of the download where ``variable`` is given; None where
         several versions are in circulation.
     credit : whom to name.
@@ -139,7 +139,7 @@ DATASETS: dict[str, Dataset] = {
         None,
         "VolVis distribution of SUNY Stony Brook, New York",
         "no licence is stated",
-        "the Open SciVis Datasets, by hand: save lobster_301x324x56_uint8.raw, bytes without a header; then "
+        "the Open SciVis Datasets, manually: save lobster_301x324x56_uint8.raw, bytes without a header; then "
         "np.fromfile('lobster_301x324x56_uint8.raw', 'uint8').reshape(56, 324, 301) is the array for "
         "Volume.from_array, with the spacing (1, 1, 1.4), and write_volume saves it as NRRD",
         "lobster",
@@ -179,7 +179,7 @@ DATASETS: dict[str, Dataset] = {
         232498,
         "Surgical Planning Laboratory, Brigham and Women's Hospital, Boston",
         "3D Slicer licence",
-        "the SPL abdominal atlas, by hand: save the labels (a 256 x 256 x 113 NRRD of the atlas's data)",
+        "the SPL abdominal atlas, manually: save the labels (a 256 x 256 x 113 NRRD of the atlas's data)",
         "abdomen",
         is_labels=True,
     ),
@@ -205,7 +205,7 @@ def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | o
     name : a key of :data:`DATASETS`.
     progress : True for a bar, False for none, a function called with 0..1 (it may raise
         :class:`~deformnb.errors.Cancelled`); default is a bar where the error stream is a terminal.
-    folder : where to look for it and to store it; default see :func:`data_folder`.
+    folder : where it is searched for and stored; default see :func:`data_folder`.
 
     Raises
     ------
@@ -290,7 +290,7 @@ def find(
     ----------
     name : a key of :data:`DATASETS`.
     shape : of the phantom, voxels along z, y, x; default is its own.
-    folder : where to look for it and to store it; default see :func:`data_folder`.
+    folder : where it is searched for and stored; default see :func:`data_folder`.
 
     Returns
     -------
@@ -306,7 +306,7 @@ def find(
     Examples
     --------
     >>> volume, real = find("lobster", (12, 33, 31), folder="nowhere")
-    no real lobster: it has to be put into the folder by hand (deformnb datasets); the phantom is used
+    no real lobster: it has to be put into the folder manually (deformnb datasets); the phantom is used
     >>> real
     False
     """
@@ -320,7 +320,7 @@ def find(
     except DeformError:
         if data.is_mesh or data.address is not None:
             raise
-        cure = "it has to be put into the folder by hand (deformnb datasets)"
+        cure = "it has to be put into the folder manually (deformnb datasets)"
         print(f"no real {name}: {cure}; the phantom is used")  # noqa: T201
     else:
         print(f"the real {name}: {data.title}. Credit: {data.credit}")  # noqa: T201
@@ -418,7 +418,7 @@ def _offline_message(name: str, data: Dataset, path: Path, error: OSError) -> st
     host = urlsplit(data.address or "").hostname
     reason = type(error).__name__ if len(str(error)) > 120 or not str(error) else str(error).rstrip(".")
     return (
-        f"{name} could not be downloaded from {host} ({reason}); save {data.address} as {path} by hand, "
+        f"{name} could not be downloaded from {host} ({reason}); save {data.address} as {path} yourself, "
         f"or use {_alternative(data)}."
     )
 

@@ -261,7 +261,7 @@ class Animation:
         If possible every key frame is one of them.
         """
         if not degrees > 0:
-            raise DeformError(f"frames lie a positive angle apart, got {degrees}.")
+            raise DeformError(f"frames are a positive angle apart, got {degrees}.")
         paces = np.diff([EASINGS[self.easing](t) for t in np.linspace(0, 1, 101)]).max() * 100
         step = np.inf
         for (a, b), paths in zip(pairwise(self.keyframes), self._paths, strict=True):
@@ -273,7 +273,7 @@ class Animation:
         least = max(1, int(np.ceil(self.duration / step - 1e-9)))
         if least >= MOST_MOVIE_FRAMES:
             raise DeformError(
-                f"{least + 1} frames are more than {MOST_MOVIE_FRAMES}; let them lie further apart than "
+                f"{least + 1} frames are more than {MOST_MOVIE_FRAMES}; let them be further apart than "
                 f"{degrees:g} degrees."
             )
         shares = np.array([key.time for key in self.keyframes]) / self.duration
@@ -329,7 +329,7 @@ class Animation:
         same = all(np.array_equal(a, b) for w in others for a, b in zip(weights, w, strict=True))
         if plane is None or any(p != plane for p in planes) or not same:
             raise DeformError(
-                "maps over time lie on one plane and go on into depth by one rule; the key frames differ "
+                "maps over time are on one plane with one rule of extrusion; the key frames differ "
                 "in that. Render the frames one by one."
             )
         return plane, weights

@@ -88,7 +88,7 @@ class Step(AbstractFitSettings):
     settings : (of the fit, by their names) the fields of :class:`~deformnb.rbf.fit_settings.AbstractFitSettings`. In
         several ``stages`` on a plane the composed map is extruded, so that a depth with f(z) between 0 and 1 may
         still fold. ``chosen_support``, None for points at one place, stays while points are dragged, so that the map
-        does not jump, and in documents; :meth:`with_points` finds it anew when points are added, removed or switched,
+        does not jump, and in documents; :meth:`with_points` finds it again when points are added, removed or switched,
         and so does a step with another kernel.
 
     Raises
@@ -321,7 +321,7 @@ def _check_steps(given: Any, whose: str) -> tuple[Step, ...]:
         way = "first.then(second) joins two deformations"
     elif isinstance(wrong, AbstractField):
         way = (
-            "a document keeps control points and no fields; warp(volume, field) applies one, and "
+            "a document has control points and no fields; warp(volume, field) applies one, and "
             "compose(first, second, grid=volume) joins it with a deformation"
         )
     raise DeformError(f"the steps of {whose} are of type Step, got {_kind(wrong)}; {way}.")
@@ -791,14 +791,14 @@ class Deformation:
             name = short_value(made.name) if made.name else "without a name"
             return (
                 f"This document was made on another volume ({name}, {' x '.join(map(str, made.shape[::-1]))} "
-                "voxels); its points may lie elsewhere."
+                "voxels); its points may be at another place."
             )
         if (made.grid or replace(here, spacing=made.spacing)).is_like(here):  # before 1.2 it had no place
             return ""
         then, now = (" x ".join(f"{s:.6g}" for s in spacing) for spacing in (made.spacing, here.spacing))
         return (
             f"This document was made on the same voxels at another place or of another size ({then} then, {now} "
-            "now); its points may lie elsewhere."
+            "now); its points may be at another place."
         )
 
     @overload
@@ -834,7 +834,7 @@ class Deformation:
         if known is not None and (options.get("output") is not None or output.direction != grid.direction):
             raise DeformError(
                 f"{known.older_note}, so that its result has no other grid than its own; open it in a "
-                f"studio on this volume and save it anew, or read the volume with "
+                f"studio on this volume and save it again, or read the volume with "
                 f"spacing={known.header_spacing}."
             )
         field = here.field(grid)

@@ -56,7 +56,7 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
         fields["curve"] = "1-z"  # reversed, a cut would be shut on the side of the viewer
         return "The cut is open in front and closed at the back now: f = 1 - z."
     if (CHOOSE_SUPPORT | {"maps"}) & set(fields):
-        fields.setdefault("chosen_support", None)  # found anew
+        fields.setdefault("chosen_support", None)  # found again
     kernel = as_kernel(fields.get("kernel", step.kernel))
     trend = find_trend(fields.get("trend", step.trend))
     if kernel.order <= trend.order:
@@ -115,7 +115,7 @@ def turn_picture(
     count = len(steps)
     notice = (
         f"Step {count + 1} begins, {side_of(new.plane)}. The points of step {index + 1}, "
-        f"{side_of(old.plane)}, are kept: choose that side or step again to edit them."
+        f"{side_of(old.plane)}, are unchanged: choose that side or step again to edit them."
     )
     return deformation.then(new), count, notice
 

@@ -97,7 +97,7 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
 def _header(steps: list[Step]) -> str:
     """The import, and a comment on kernels that are registered first; without a line break, for volumes come after."""
     own = sorted({step.kernel for step in steps} - BUILT_IN)
-    register = f"  # first dn.rbf.register_kernel(...) of your own {', '.join(own)}" if own else ""
+    register = f"  # first dn.rbf.register_kernel(...) of {', '.join(own)}" if own else ""
     return f"import deformnb as dn{register}"
 
 

@@ -500,7 +500,7 @@ class StepUncertainty:
 def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
     """Uncertainty of the map of a step: the deviation of :func:`uncertainty` on its plane or in space.
 
-    With cuts each region has its own; one with too few points takes its scale from the others. Beside rigid parts the
+    With cuts each region has its own; one with too few points takes its scale from the others. Near rigid parts the
     deviation is scaled by their weight, so it is zero within them.
 
     Parameters

@@ -102,7 +102,7 @@ def with_true_spacing(deformation: Deformation, grid: Grid) -> tuple[Deformation
         moved = transplant(replace(deformation, volume=was), grid, "box")
     except DeformError as error:
         raise OtherVolumeError(
-            f"{known.older_note}, and cannot be moved to the true one: {error} To go on, read "
+            f"{known.older_note}, and cannot be moved to the true one: {error} To continue, read "
             f"the volume with spacing={known.header_spacing}."
         ) from None
     now = replace(made, spacing=grid.spacing, origin=grid.origin, direction=grid.direction, unit=grid.unit)

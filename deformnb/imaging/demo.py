@@ -152,7 +152,7 @@ def transform(
     head: str = "left",
     stage: Stage,
 ) -> Transformation:
-    """Turn what a volume shows into another of Thompson's species.
+    """Transform the animal of a volume into another of Thompson's species.
 
     Parameters
     ----------

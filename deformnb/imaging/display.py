@@ -22,7 +22,7 @@ class ViewRenderer(Protocol):
         """Deform the scene, in the box of a grid."""
 
     def render(self, *, bands: int = 1, progress: Progress | None = None) -> Image | None:
-        """The picture, (height, width, 3) uint8, in about so many parts; ``progress`` is called in between."""
+        """The picture, (height, width, 3) uint8, in about ``bands`` parts; ``progress`` is called in between."""
 
     def close(self) -> None:
         """Release its resources."""

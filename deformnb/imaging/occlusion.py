@@ -1,6 +1,6 @@
 """Ambient occlusion: the share of the light from all around that reaches a place between its opaque neighbours.
 
-The live view takes it from a coarse grid that is computed once for the colours of a volume, and looks it up where
+The live view takes it from a coarse grid that is computed once for the colours of a volume, and samples it where
 tissue comes from: it follows a deformation at the cost of one texture sample. The ray caster on the CPU does the same.
 """
 

@@ -630,13 +630,13 @@ def draw_grids(
 
     Parameters
     ----------
-    what : a step on the picture's plane, a deformation whose steps all lie there, or any field of dimension 2.
+    what : a step on the picture's plane, a deformation whose steps are all on it, or any field of dimension 2.
     picture : as it was before.
     lines : cells of the grid along the longer side of the picture.
     overlay : a name of :data:`GRID_OVERLAYS`: "area" colours how tissue grows (green) and shrinks (purple), "strain"
         draws crosses along the principal directions, solid where tissue is stretched and dashed where it is pressed.
     magnify : factor of all displacements: 0 the original, 1 unchanged, 2 exaggerated, -1 the opposite.
-        The points of a step are fitted anew, exactly; a field given as such is multiplied.
+        The points of a step are fitted again, exactly; a field given as such is multiplied.
     grid : of the volume, from which the support radius of a single point is derived; default is that of the picture.
     key : which set of control points of a step, for the rule "interpolate".
     landmarks : whether control points are drawn, with arrows to their targets.

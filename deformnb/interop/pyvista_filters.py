@@ -21,7 +21,7 @@ def warp_pyvista(
     *,
     progress: Progress | None = None,
 ) -> Any:
-    """A pyvista data set deformed: an ImageData on its own points, any data set with explicit points moved.
+    """A pyvista data set deformed: an ImageData on the same points, any data set with explicit points moved.
 
     Parameters
     ----------

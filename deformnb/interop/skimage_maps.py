@@ -114,8 +114,7 @@ def _field_of_dimension(field: AbstractField, dim: int) -> AbstractField:
         )
     if field.has_cuts:
         raise DeformError(
-            "this deformation has cuts, which hide tissue, and a map alone cannot say what is hidden; "
-            "dn.warp applies it."
+            "this deformation has cuts, which hide tissue, and a map alone cannot represent that; dn.warp applies it."
         )
     return field
 

@@ -181,7 +181,7 @@ class BSplineField(AbstractField):
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         out = np.empty((self.dim, r.shape[1], c.shape[1]), dtype=np.float32)
         step = max(1, BLOCK // max(1, c.shape[1]))
-        for start in range(0, r.shape[1], step):  # all places of a volume at once would take 24 bytes each
+        for start in range(0, r.shape[1], step):  # all places of a volume together would take 24 bytes each
             places = r[:, start : start + step, None] + c[:, None, :]
             out[:, start : start + step] = np.moveaxis(self.displacement(np.moveaxis(places, 0, -1)), -1, 0)
         return out

@@ -7,7 +7,7 @@ none                               the identity
 one                                a translation (trend "none": one bump)
 nearly on one line, or in one      the trend "affine" shrinks across them to a similarity; a note names the direction
 plane of space                     (:func:`deformnb.rbf.trends.thin_directions`)
-fewer than 6 (10 in space), or     what they leave open of the trend "quadratic" is left out, with a note
+fewer than 6 (10 in space), or     the undetermined part of the trend "quadratic" is left out, with a note
 nearly on a conic or a quadric     (:func:`deformnb.rbf.trends.quadric_span`)
 same place, same displacement      merged; a note names them
 same place, other displacement     DeformError naming both; with smoothing their weighted mean
@@ -68,7 +68,7 @@ _UNHELD = (
 # Places whose distances to all others are computed at a time.
 _ENDS = 256
 
-# What a trend shortens more than this it collapses; ratios beyond would be rounding.
+# A direction that a trend shortens more than this is collapsed; ratios beyond would be rounding.
 COLLAPSED = 1e-6
 # A direction in which points of a lattice have different places; of length 1, so that no distance grows.
 _ASLANT = np.array([0.7548, 0.5698, 0.3247])
@@ -83,10 +83,11 @@ FAR_BEHIND = 12
 class PreparedPoints:
     """Active points, merged and centred, ready for the solve.
 
-    targets, displacements (n, dim) and weights (n,); origin (dim,) their centre; support radius; span: what the centred
-    points determine of a linear map; trend: the name of the trend they can carry; ids and notes; radii (n,) of their
-    own, that of all where they have none; active: the points that were given, without inactive ones; missed: how far
-    points that count as one are from what they share, physical; place_of: (active,) the number of the place of each.
+    targets, displacements (n, dim) and weights (n,); origin (dim,) their centre; support radius; span: the part of a
+    linear map that the centred points determine; trend: the name of the trend they can carry; ids and notes; radii (n,)
+    of their own, that of all where they have none; active: the points that were given, without inactive ones; missed:
+    distance of points that count as one from the place that they share, physical; place_of: (active,) the number of the
+    place of each.
     """
 
     targets: NDArray[np.float64]
@@ -239,8 +240,8 @@ def _merge(
 ]:
     """Points nearer than ``near`` become one.
 
-    Returns targets, displacements, weights, first positions, notes, how far a point is from what it shares, and the
-    number of the place of each point.
+    Returns targets, displacements, weights, first positions, notes, the distance of a point from the place that it
+    shares, and the number of the place of each point.
     """
     n = len(points)
     x, d, w = points.target, points.displacement, points.weight
@@ -340,8 +341,8 @@ def _bending_notes(n: int, dim: int, kernel: type[AbstractKernel], is_open: bool
     curve = "one conic (an ellipse, a hyperbola, two lines)" if dim == 2 else "one quadric (an ellipsoid, two planes)"
     why = few if n < least else f"the control points lie nearly on {curve}"
     if kernel.order > 2 and n >= least:
-        return (f"{why}: nothing holds the quadratic trend beside it; the thin-plate kernel would stay calm",)
-    return (f"{why}: what they leave open of it is left out",)
+        return (f"{why}: the quadratic trend is undetermined off it; the thin-plate kernel would vary less there",)
+    return (f"{why}: the part of it that they do not determine is left out",)
 
 
 def _neighbours(points: NDArray[np.float64], k: int) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -1,6 +1,6 @@
 """Prediction errors of places that a fit has not seen: single points left out, and all points around a place.
 
-With C the inverse of Phi + nugget without what the polynomials of the trend explain, the errors at a set B of points
+With C the inverse of Phi + nugget, projected off the polynomials of the trend, the errors at a set B of points
 that are left out together are ``(C_BB)^-1 (C d)_B``: one inverse gives them all, where a fit for each would cost N
 times as much (S. Rippa, Adv. Comput. Math. 11 (1999) 193-210, for single points; blocks by the inverse of a partitioned
 matrix).
@@ -101,7 +101,7 @@ def _single_errors(c: Floats, d: Floats) -> Floats:
 def _block_errors(c: Floats, cd: Floats, blocks: Sequence[Positions]) -> list[Floats]:
     sizes = np.array([len(block) for block in blocks], dtype=int)
     errors: list[Floats] = [cd[:0]] * len(blocks)
-    for size in np.unique(sizes[sizes > 0]).tolist():  # those of one size at once
+    for size in np.unique(sizes[sizes > 0]).tolist():  # those of one size together
         at = np.flatnonzero(sizes == size)
         rows = np.stack([blocks[k] for k in at.tolist()])
         inner = c[rows[:, :, None], rows[:, None, :]]

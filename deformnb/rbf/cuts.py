@@ -1,19 +1,19 @@
 """Cuts: displacements that are smooth on either side of a line and jump across it (Eqs. 7 and 8 of the paper).
 
 A cut divides the picture, or space, into its inside and its outside; several cuts divide it into as many regions as
-there are combinations. Every region has a separate fit, of the control points whose sources lie in it (Eq. 7); a
+there are combinations. Every region has a separate fit, of the control points whose sources are in it (Eq. 7); a
 region without points does not move. Each fit is smooth everywhere, so a map is never interpolated across a cut: the
-fit that holds is chosen at every sample anew.
+valid fit is chosen again at every sample.
 
 Two rules choose the region that is seen at a place x of the result, with ``s_k = x + D_k(x)`` the place that region k
 would show:
 
-- "paper" (Eq. 8): the field of the region in which x itself lies, and nothing where s lies in another region. Tissue
+- "paper" (Eq. 8): the field of the region that contains x itself, and nothing where s is in another region. Tissue
   never crosses the line, so moving both sides together leaves a false gap.
-- "source", the default: the field of any region k whose s_k lies in region k, the region of x first. It contains
+- "source", the default: the field of any region k that contains its s_k, the region of x first. It contains
   Eq. 8 where that shows something.
 
-The opacity A (the paper's transparency map) falls from 1 to 0 within one voxel, by how much of the voxel at s_k lies in
+The opacity A (the paper's transparency map) falls from 1 to 0 within one voxel, by the share of the voxel at s_k in
 region k: ``c(m) = clamp(1/2 + m / softness)`` with m the depth of s_k within region k. The coverages of neighbouring
 regions add up to 1 along a closed cut, so a cut that is not pulled open is not seen.
 """
@@ -94,14 +94,14 @@ def cuts_outside(cuts: Sequence[Cut], low: ArrayLike, high: ArrayLike) -> tuple[
     --------
     >>> from deformnb.rbf.regions import Line
     >>> cuts_outside([Cut(Line([(50, 0), (50, 9)])), Cut(Line([(5, 0), (5, 9)]))], (0, 0), (20, 20))
-    ('cut 1 lies outside of the volume and parts nothing; move it onto the picture.',)
+    ('cut 1 is outside the volume and divides nothing; move it onto the picture.',)
     """
     low, high = (np.asarray(corner, dtype=np.float64) for corner in (low, high))
     lines = [np.linspace(a, b, _BOX_NODES if b > a else 1) for a, b in zip(low, high, strict=True)]
     nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(low))
     cell = float(np.linalg.norm(high - low)) / (_BOX_NODES - 1)
     return tuple(
-        f"cut {cut.name or k + 1} lies outside of the volume and parts nothing; move it onto the picture."
+        f"cut {cut.name or k + 1} is outside the volume and divides nothing; move it onto the picture."
         for k, cut in enumerate(cuts)
         if cut.enabled and not _crosses(cut.region, nodes, cell, low, high)
     )
@@ -110,7 +110,7 @@ def cuts_outside(cuts: Sequence[Cut], low: ArrayLike, high: ArrayLike) -> tuple[
 def _crosses(
     region: AbstractRegion, nodes: NDArray[np.float64], cell: float, low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> bool:
-    """Check whether the boundary of a region, or the drawn part of a line that stops, lies in a box."""
+    """Check whether the boundary of a region, or the drawn part of a line that stops, is in a box."""
     if any(getattr(region, "stops", ())):
         v = np.asarray(region.vertices)  # type: ignore[attr-defined]
         t = np.linspace(0.0, 1.0, _BOX_NODES)[:, None]
@@ -427,7 +427,7 @@ class Decoupled(AbstractField):
         return [*zip(masks, self.fields, strict=True), (rest, None)]
 
     def region_numbers(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The number of the region, with or without points, in which each of the points (N, dim) lies."""
+        """The number of the region, with or without points, that contains each of the points (N, dim)."""
         return self._sides(points) @ (1 << np.arange(len(self.regions)))
 
     def _sides(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:

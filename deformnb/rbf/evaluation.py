@@ -183,7 +183,7 @@ def _add_centers(
         a = lax.dynamic_slice(leaves.coefficients, (q * group, q * 0), (group, dim))
         scale = None if leaves.scales is None else lax.dynamic_slice(leaves.scales, (q * group,), (group,))
 
-        def offset(i: int) -> list[Any]:  # made anew by each that reads it: it takes longer to load than to compute
+        def offset(i: int) -> list[Any]:  # computed again by each reader: it takes longer to load than to compute
             return [p[k] - x[i, k] for k in range(dim)]
 
         def functions() -> tuple[Any, ...]:
@@ -198,7 +198,7 @@ def _add_centers(
 
 
 def _materialize(values: Callable[[], tuple[Any, ...]], always: Any) -> tuple[Any, ...]:
-    """Arrays that several sums read, held in memory: XLA on the CPU would compute them anew for each of the sums.
+    """Arrays that several sums read, held in memory: XLA on the CPU would compute them again for each of the sums.
 
     Nothing is fused across the edge of a conditional (an ``optimization_barrier`` is taken out before fusion, and a
     loop's carry is copied). On 256^2 pixels 32 compact points took 0.95 ms instead of 0.83, 128 thin-plate points 12.6

@@ -6,7 +6,7 @@ A fit without smoothing has ``D(target) = source - target``. Computed with a fin
 
 with ``|d|`` the largest displacement of a control point, L the largest distance of a target from the middle of all, and
 a share of the pixel where the map is computed for pixels or voxels (:data:`SHARES`); it is 0 at single places. The
-first two terms are ten times what a solve may leave (:data:`RESIDUAL`, :data:`ROUNDING`): the places of an evaluation
+first two terms are ten times the residual of a solve (:data:`RESIDUAL`, :data:`ROUNDING`): the places of an evaluation
 are rounded once more. A fit that cannot meet the bound is refused, or a note states by how much it misses: up to
 :data:`MOST_MISSED`.
 
@@ -29,8 +29,8 @@ EXACT, EXACT_PLACE = 10 * RESIDUAL, 10 * ROUNDING
 
 MOST_MISSED = 1e-4
 """Share of the largest displacement by which a nearly singular system may miss with a note, which states by how much: a
-tenth of what pictures are allowed. Coefficients are that many times as large as what they add up to, so that no way of
-solving would leave less; what misses by more is fitted locally or refused."""
+tenth of the error allowed in pictures. Coefficients are that many times as large as their sum, so that no solver
+would leave less; points that are missed by more are fitted locally or refused."""
 
 SHARES = {"lattice": 1e-3, "nodes": 1e-2, "page": 2e-2}
 """Shares of the smallest side of a pixel or voxel that are added for pictures, grids and volumes.

@@ -8,7 +8,7 @@ that the moved points M are bordered to the fixed ones F in ``n^2`` operations w
 and the inverse of ``Phi_FF`` is that of the whole matrix with the rows M left out, ``b -> w - G (G_M)^-1 w_M`` with
 ``w = Phi^-1 b`` and ``G = Phi^-1 E``, E the unit columns of M (G. H. Golub, C. F. Van Loan, Matrix Computations (2013),
 sections 2.1 and 6.5). Steps are always taken from the matrix that was factored, so that errors do not add up. Neither G
-nor its product with ``b_F`` changes while the same points are dragged: only K is solved for anew.
+nor its product with ``b_F`` changes while the same points are dragged: only K is solved for again.
 
 Kernels of order 1 and 2 are definite only modulo the polynomials P of a smaller degree. Their matrix is
 ``[Phi P; P^T 0]``, and the rows of P^T stay among the fixed ones.
@@ -177,7 +177,7 @@ class _Bordered:
 class _Band:
     """Points sorted along their longest side reach only their neighbours in that order.
 
-    The matrix is a band and has a Cholesky factor within it: n b^2 operations for n points of which b lie within a
+    The matrix is a band and has a Cholesky factor within it: n b^2 operations for n points of which b are within a
     support of that side.
     """
 

@@ -70,7 +70,7 @@ class AbstractField(ABC):
         x = x if jnp.issubdtype(x.dtype, jnp.floating) else x.astype(float)
         if x.dtype == np.float64 or is_traced(self):
             return self.jax_displacement(x)
-        # Copies: JAX holds in 32 bits what a user's own function captured as a constant in 32 bits.
+        # Copies: JAX stores in 32 bits the constants that a user's function captured in 32 bits.
         own = jax.tree.map(lambda leaf: leaf.copy() if isinstance(leaf, np.ndarray) else leaf, self)
         return double_precision(own.jax_displacement)(x)
 
@@ -272,8 +272,8 @@ def as_field(given: AbstractField | HasField, grid: Grid | VolumeLike | None = N
     translated = getattr(given, "own_grid", as_grid)(lattice)
     if translated != lattice:
         raise DeformError(
-            "this deformation was made when the volume had another spacing, so that its field lies in "
-            "other coordinates; deformation.apply(volume) deforms the volume all the same."
+            "this deformation was made when the volume had another spacing, so that its field has "
+            "other coordinates; use deformation.apply(volume), which converts them."
         )
     return own(lattice)
 

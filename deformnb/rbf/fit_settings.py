@@ -43,8 +43,8 @@ class AbstractFitSettings:
         opposite way.
     stages : number of equal parts of the points' way, one map after the other; see :mod:`deformnb.rbf.stages`.
     direction : a name of :data:`~deformnb.rbf.forward.DIRECTIONS`: "backward" fits the sources as a function of the
-        targets, "forward" the targets as a function of the sources, which is then inverted; its support lies in the
-        input.
+        targets, "forward" the targets as a function of the sources, which is then inverted; its support is measured in
+        the input.
     chosen_support : what :func:`~deformnb.rbf.support.choose_support` found while ``support`` is None, and for
         which kernel; that of another kernel is dropped.
 

@@ -37,7 +37,7 @@ def fit_rbf(
     """Fit the displacement of control points.
 
     Solves ``[Phi + lambda diag(1/w), P; P^T, 0] [alpha; gamma] = [d; 0]`` (Eqs. 3-4 of the paper; 9 in space) for all
-    components at once, or its counterpart of least energy for the similarity and rigid trends (Eq. 5, corrected).
+    components together, or its counterpart of least energy for the similarity and rigid trends (Eq. 5, corrected).
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ def fit_rbf(
     _check_pairing(kind, chosen, smoothing)
     if points.has_own_radii and kind.order > 0:
         raise DeformError(
-            f"control points have support radii of their own, and the {kind.name} kernel, which has no "
-            "end, knows none; choose a Wendland kernel or the Gaussian, or clear their radii."
+            f"control points have individual support radii, and the {kind.name} kernel, which has no "
+            "end, has none; choose a Wendland kernel or the Gaussian, or clear their radii."
         )
     if radius is None and previous is not None and previous.kernel is kind:
         same = set(previous.ids) <= set(points.ids) and int(previous.count) == len(previous.ids)
@@ -138,7 +138,7 @@ def fit_forward(points: ControlPoints, *, previous: ForwardFit | None = None, **
     ----------
     points : control points of dimension 2 or 3, as for :func:`~deformnb.rbf.fitting.fit_rbf`.
     previous : the fit before this one, while points are dragged.
-    settings : kernel, support, trend and smoothing, as of that function; the support lies in the input.
+    settings : kernel, support, trend and smoothing, as of that function; the support is measured in the input.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def fit_rigid(
 
     Parameters
     ----------
-    points : as for :func:`fit_rbf`. A point within a part that requires what the part does anyway is left
+    points : as for :func:`fit_rbf`. A point within a part that requires the motion of the part is left
         out.
     parts : those that are switched on count; without any this is :func:`~deformnb.rbf.fitting.fit_rbf`.
     kernel, support, trend, smoothing : of the fit. The trend is weighted like the rest and moves no part; with the
@@ -334,7 +334,7 @@ def _check_pairing(kernel: type[AbstractKernel], trend: Trend, smoothing: float)
     if trend.order < kernel.order:
         able = ", ".join(t.name for t in TRENDS.values() if t.order >= kernel.order)
         raise DeformError(
-            f"the {kernel.name} kernel is not positive definite on its own and needs a trend of {able}; "
+            f"the {kernel.name} kernel is not positive definite and needs a trend of {able}; "
             f"choose that, or a Wendland kernel for the trend {trend.name!r}."
         )
 
@@ -343,11 +343,11 @@ def _check_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
     """Check whether one of the weights is the distance itself, which excludes a trend."""
     for part in parts:
         if part.region.dim != dim:
-            raise DeformError(f"{part.label} lies in {part.region.dim} dimensions, the control points in {dim}.")
+            raise DeformError(f"{part.label} has {part.region.dim} dimensions, the control points in {dim}.")
     raw = any(part.weight == "distance" for part in parts)
     if raw and as_kernel(kernel).order > 0:
         raise DeformError(
-            f"beside a rigid part with the weight 'distance' there is no trend, and the {kernel} kernel "
+            f"with a rigid part of the weight 'distance' there is no trend, and the {kernel} kernel "
             "needs one; take the weight 'saturated' or a Wendland kernel."
         )
     return raw
@@ -362,7 +362,7 @@ def _free_points(
     """Mask of active points outside all parts; refuses one that a part holds and that requires another displacement."""
     free, notes = points.active.copy(), []
     size = size_of(points)
-    within = [part.region.signed_distance(points.source) < 0 for part in parts]  # of all points at once: a drag waits
+    within = [part.region.signed_distance(points.source) < 0 for part in parts]  # of all points together: a drag waits
     for k in np.flatnonzero(points.active).tolist():
         holders = np.flatnonzero(distances[:, k] <= 0).tolist()
         for h in holders:
@@ -370,13 +370,13 @@ def _free_points(
             if np.linalg.norm(required - done) > SAME_MOTION * size:
                 held = "is fixed" if parts[h].motion is None else "has its own motion"
                 raise DeformError(
-                    f"{points.label(k)} lies in {parts[h].label}, which {held}; move or remove the "
+                    f"{points.label(k)} is in {parts[h].label}, which {held}; move or remove the "
                     "point, or change the part."
                 )
         if len(holders):
             free[k] = False
             if points.displacement[k].any():
-                notes.append(f"{points.label(k)} lies in {parts[holders[0]].label}, which holds it already")
+                notes.append(f"{points.label(k)} is in {parts[holders[0]].label}, which holds it already")
             continue
         torn = next((p for p, is_within in zip(parts, within, strict=True) if is_within[k]), None)
         if torn is not None:

@@ -5,7 +5,7 @@ itself: it interpolates the sources at the targets. A fit *forward* interpolates
 ``x + F(x) = y``, as most programs of morphometrics fit thin plates; its inverse is found place by place with Newton's
 method, and a place counts as found where ``|x + F(x) - y|`` vanishes to rounding and F does not fold at x.
 
-Where the points lie evenly in the input and unevenly in the result, or vice versa, one of the directions
+Where the points are spread evenly in the input and unevenly in the result, or vice versa, one of the directions
 predicts the places between them better; :func:`~deformnb.rbf.prediction.choose_fit` finds out which.
 """
 

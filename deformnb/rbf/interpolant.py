@@ -73,9 +73,9 @@ POOR = (
 # Rounding errors of the terms of a sum add up like a random walk: the error of float32 evaluation was measured at 1.5
 # to 14 times (once 36 times, thin plate) ulp * sqrt(sum alpha^2) * max |phi|, for every kernel, 8 to 512 points and
 # supports of 1/8 to 3/2 of the image. Those of the partial sums grow with the number n of terms, most where neighbours
-# follow each other and move alike: 30 times for 512 points in order along an axis (linear), 60 times for 600 thin-plate
-# points of a lattice that move like a sine, for 2048 with a compact kernel 65 times, for 1200 of WendlandC0 whose
-# supports hold all points 72 times, that is 1.4 to 2.5 sqrt(n).
+# follow each other and move in the same way: 30 times for 512 points in order along an axis (linear), 60 times for 600
+# thin-plate points of a lattice that move like a sine, for 2048 with a compact kernel 65 times, for 1200 of WendlandC0
+# whose supports hold all points 72 times, that is 1.4 to 2.5 sqrt(n).
 _ROUNDING_ERROR = 6e-8
 _TERMS, _PARTIAL_SUMS = 36.0, 4.0
 _COMPACT_TERMS, _COMPACT_PARTIAL_SUMS = 14.0, 3.5
@@ -205,7 +205,7 @@ class RBFInterpolant(AbstractInterpolant):
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Remarks for a status line: what the points do not determine, where the map folds, how well it predicts."""
+        """Remarks for a status line: undetermined parts of the map, its folds, its predictions."""
         found = ((FOLDS_WARNING, self.folds_between_points()), (POOR, self._predicts_poorly()))
         return (*self.remarks, *(note for note, is_so in found if is_so))
 
@@ -367,7 +367,7 @@ class RBFInterpolant(AbstractInterpolant):
     def evaluate_on_device(self, lattice: Grid | Raster) -> tuple[tuple[Any, ...], Any]:
         """Displacements on a grid or a raster in the memory of the device in use, and whether all are finite.
 
-        Three components (nz, ny, nx) or two (nv, nu), float32. To be called within
+        Three components (nz, ny, nx) or two (nv, nu), float32. Call it within
         :func:`deformnb.devices.device_context`.
         """
         lines = raster_lines(lattice) if isinstance(lattice, Raster) else grid_lines(lattice)
@@ -595,7 +595,7 @@ def solve_prepared(
         bent = None if solved.quadratic is None else np.asarray(solved.quadratic) * ready.support
     if scales is not None and not np.abs(alpha).max() <= MOST_GAIN * np.abs(d).max():
         raise DeformError(
-            "the support radii that these control points have of their own do not go together: the system is nearly "
+            "the individual support radii of these control points are incompatible: the system is nearly "
             f"singular (closest are {ready.closest}). Give neighbours more similar radii, or smaller ones."
         )
     missed, notes = ready.missed, ready.notes
@@ -649,8 +649,8 @@ def _too_flat(ready: PreparedPoints, kernel: type[AbstractKernel]) -> str:
     )
 
 
-# Where points have moved since a matrix was factored its residual is a little larger; beyond this share of what is
-# allowed it is factored anew.
+# Where points have moved since a matrix was factored its residual is a little larger; beyond this share of the
+# allowed one it is factored again.
 _UPDATED = 1e-2
 
 
@@ -689,7 +689,7 @@ _COLLAPSES = {
     "affine_exact": "the trend collapses everything to one place",
     "quadratic": "the trend collapses everything to one place",
     "similarity": "the trend collapses everything to one place",
-    "rigid": "the turn is open and stays what it was",
+    "rigid": "the rotation is undetermined and stays as it was",
 }
 
 

@@ -23,7 +23,7 @@ Comput. Math. 4 (1995) 389-396; the others: Wendland, Scattered Data Approximati
 Working on the square makes every gradient finite at a control point: ``d phi / d x = slope(s) 2 (x - x_i)/support^2``
 needs no division by r, where differentiating through ``sqrt`` gives NaN there.
 
-:func:`register_kernel` adds kernels of your own.
+:func:`register_kernel` adds the user's kernels.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class AbstractKernel(ABC):
     smoothness: ClassVar[int | None] = None
     """The first derivative that may jump, at most 3; None where that is not known. Then nothing is interpolated."""
     of_square: ClassVar[Callable[[Any], Any]]
-    """phi as a function of s, with ``slope`` as its derivative: what the solver and the evaluation call."""
+    """phi as a function of s, with ``slope`` as its derivative, which the solver and the evaluation call."""
 
     def __post_init__(self) -> None:
         if not (is_finite(self.support) and self.support >= SMALLEST_LENGTH):
@@ -647,7 +647,7 @@ def _kernel_of(phi: Phi, derivative: Phi | None, given: dict[str, Any]) -> type[
             "profile": staticmethod(profile),
             "slope": staticmethod(slope),
             "made_of": staticmethod(phi),
-            "__doc__": phi.__doc__ or "A kernel of your own.",
+            "__doc__": phi.__doc__ or "A registered kernel.",
             "__module__": __name__,
         },
     )

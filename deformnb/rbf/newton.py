@@ -1,4 +1,4 @@
-"""Damped Newton method for places: y with ``y + D(y) = x`` for many points x at once.
+"""Damped Newton method for places: y with ``y + D(y) = x`` for many points x together.
 
 ``y <- y - t (1 + dD/dx)^-1 (y + D(y) - x)`` with t halved until the error falls. Near a solution the error is squared
 at every turn. Where the result depends on the start, several are tried.

@@ -8,7 +8,7 @@ principal axes of the points and of their displacements, so that they turn with 
 
 with w_k a product of smooth steps across the faces of box k, from 0 a margin outside to 1 a margin inside. Every fit
 whose w_k is not zero at a control point interpolates it, so the blend does; steps with two continuous derivatives make
-it as smooth as the kernel, where taking the nearest points of each place anew would jump (H. Wendland, Scattered Data
+it as smooth as the kernel, where taking the nearest points of each place would jump (H. Wendland, Scattered Data
 Approximation (2004), chapter 15).
 """
 
@@ -36,7 +36,7 @@ LEAF = 150
 
 SMALL_LEAF = 40
 """Points of a box at most where the system of all is singular: terms of a smooth kernel grow with the fifth power of
-the number of gaps across a fit, and what they cancel to is lost."""
+the number of gaps across a fit, and their differences are lost in rounding."""
 
 _MARGIN = 0.35  # width of the steps across the faces, in sides of the box
 _AROUND = 1.6  # how far around a box its fit takes points, in margins: its rim is a guess without them
@@ -62,7 +62,7 @@ class LocalFits(AbstractInterpolant):
     margin : (n, dim) half of the width of the steps across their faces.
     frame : (dim, dim) axes of the boxes, in rows.
     remarks : notes; ids : of the control points behind the fits; unit : of these.
-    missed : how far points that count as one are from what they share, physical.
+    missed : distance of points that count as one from the place that they share, physical.
     """
 
     fits: tuple[RBFInterpolant, ...]

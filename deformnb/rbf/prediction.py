@@ -3,8 +3,8 @@
 Each candidate is fitted without some of the points, and the distance is measured from where the sources of these then
 come to in the result to their targets. Points are left out one by one, and in blocks of neighbours, an eighth and a
 quarter of them at a time: next to a point that is left out alone there always is another one, and a map has to hold
-where no point is near. The score is the geometric mean of the three root mean squares; a block is as wide as the points
-themselves say, by halving them again and again across their longest axis, so that neither the axes nor the order of
+where no point is near. The score is the geometric mean of the three root mean squares; the width of a block is found
+from the points, which are halved again and again across their longest axis, so that neither the axes nor the order of
 the points count.
 
 The plain candidates come first, and one with more to be chosen has to be better by more: few points give little. Of the
@@ -467,7 +467,7 @@ class _LinearSystem:
         return np.concatenate([np.ones((len(x), 1)), x, *bent], axis=1)
 
     def _change(self, block: NDArray[np.intp]) -> Floats:
-        """``C_BB^-1 alpha_B``: what the values of the block miss by without it."""
+        """``C_BB^-1 alpha_B``: the errors at the block of the fit without it."""
         own = self._inverse[np.ix_(block, block)]
         if not np.linalg.cond(own) < 1e12:
             raise np.linalg.LinAlgError("it is not determined without some of the points")

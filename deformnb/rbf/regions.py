@@ -59,7 +59,7 @@ class AbstractRegion(ABC):
         """The same in pure JAX."""
 
     def to_jax(self) -> Any:
-        """An equivalent with the same distances in pure JAX, a pytree of arrays of few shapes: each compiles anew."""
+        """An equivalent with the same distances in pure JAX, a pytree of arrays of few shapes: each is compiled."""
         return self
 
     def samples(self, count: int) -> NDArray[np.float64]:
@@ -128,7 +128,7 @@ class HalfSpace(AbstractRegion):
         if not length > 0:
             raise DeformError("the normal of a half space must not be zero.")
         object.__setattr__(self, "point", tuple(pair[0].tolist()))
-        if abs(length - 1) > 1e-12:  # a unit vector stays bit by bit what it is, so that documents equal themselves
+        if abs(length - 1) > 1e-12:  # a unit vector stays the same bit by bit, so that documents equal themselves
             pair[1] /= length
         object.__setattr__(self, "normal", tuple(pair[1].tolist()))
 
@@ -309,8 +309,8 @@ class Line(_Outline):
     vertices : two or more places (a, b). Inside is the left side of the line, followed from its first vertex to its
         last, on a picture whose b points down.
     stops : whether a cut along the line stops at its first vertex, and at its last; else it continues to the border of
-        the picture. The two sides are the same either way; see :meth:`opening`. What of a line turns back beyond the
-        level of its own tip stays shut: an arc of up to half a circle opens as a whole.
+        the picture. The two sides are the same either way; see :meth:`opening`. The part of a line that turns back
+        beyond the level of its tip stays shut: an arc of up to half a circle opens as a whole.
 
     Raises
     ------
@@ -507,7 +507,7 @@ class Mask(AbstractRegion):
     def silhouette(self, plane: Plane) -> Mask:
         """Silhouette of a mask in space on a picture: every pixel with a voxel of it in front or behind."""
         if not isinstance(self.lattice, Grid):
-            raise DeformError("this mask lies on a picture already.")
+            raise DeformError("this mask is on a picture already.")
         grid = self.lattice
         along = np.abs(plane.frame[:2] @ np.asarray(grid.direction))  # [u v, axis x y z]
         is_aligned = bool((along.max(axis=1) > 1 - 1e-6).all())
@@ -621,7 +621,7 @@ def _box_distance(values: NDArray[np.bool_], spacing: NDArray[np.float64]) -> ND
 
 
 def _clamped_index(lattice: Raster | Grid, points: Any, xp: Any) -> tuple[Any, Any]:
-    """Fractional index of the nearest place within a lattice, and how far the point lies from there."""
+    """Fractional index of the nearest place within a lattice, and the distance of the point from there."""
     origin = np.asarray(lattice.origin)
     shape = np.asarray(lattice.shape[::-1])
     if isinstance(lattice, Raster):

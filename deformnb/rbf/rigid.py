@@ -306,7 +306,7 @@ def _cached(key: Any, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.flo
     return found
 
 
-# A point inside a part that requires what the part does anyway may miss it by this share of the box of all points.
+# A point inside a part that requires the motion of the part may miss it by this share of the box of all points.
 SAME_MOTION = 1e-6
 
 # Parts that touch, as bones in a joint do, may share this much of one of them: shapes are drawn by hand, and
@@ -409,7 +409,7 @@ class RigidInterpolant(AbstractFit):
 
     @property
     def trend(self) -> str:
-        """The trend of what the parts leave free."""
+        """The trend of the fit of the residual."""
         return self.base.trend
 
     @full_precision
@@ -581,8 +581,8 @@ def carry_points(points: ControlPoints, before: Sequence[RigidPart], after: Sequ
 
     Parameters
     ----------
-    before, after : the same parts in the same order; those whose motion alone differs count. A part carries the active
-        points in it that require what it does.
+    before, after : the same parts in the same order; those whose motion alone differs count. A part carries the
+    active points in it that require its motion.
 
     Examples
     --------

@@ -157,13 +157,13 @@ def check_slits(cuts: Sequence[AbstractRegion], rule: str) -> None:
     count = sum(map(is_slit, cuts))
     if count > MOST_SLITS:
         raise DeformError(
-            f"at most {MOST_SLITS} cuts of a step may stop inside the body, got {count}; let one go on "
-            "to the border, or put it in a step of its own."
+            f"at most {MOST_SLITS} cuts of a step may stop inside the body, got {count}; let one continue "
+            "to the border, or put it in a separate step."
         )
     if count and rule == "paper":
         raise DeformError(
             'the rule "paper" of cuts (Eq. 8) hides what crosses a line, also where that has stopped; '
-            'use the rule "source", or let the cuts go on to the border.'
+            'use the rule "source", or let the cuts continue to the border.'
         )
 
 

@@ -110,7 +110,7 @@ def choose_support(
     one standard error of the paired differences, or whose root is by no more than a tenth; the longest of these is
     taken that solves and does not fold between the points; if none of them solves, as of a flat kernel for a thousand
     points, the longest of all that does. The choice is made when points are added or
-    removed: chosen anew during a drag, the map would jump.
+    removed: chosen again during a drag, the map would jump.
 
     With dim + 2 dragged points or fewer (with the quadratic trend one more than it has parameters) it is a fixed share
     of the diameter: one drag among points that are held gives no evidence of its range, and the errors of so few with
@@ -119,7 +119,7 @@ def choose_support(
 
     Parameters
     ----------
-    sets : of one dimension, fitted with the same support each on its own; inactive points are left out.
+    sets : of one dimension, fitted separately with the same support; inactive points are left out.
     kernel, trend, smoothing : as for :func:`~deformnb.rbf.fitting.fit_rbf`.
     current : the radius of the points before some were added or removed: it stays where it is as good, so that the map
         stays as it is.

@@ -47,7 +47,7 @@ def solve(
 ) -> Solved:
     """The fit as a pure, differentiable function of relative targets x (C, dim) and displacements d (C, dim).
 
-    ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``span`` is what the centred points
+    ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``span`` the part that the centred points
     determine, ``turn`` is the rotation to fall back on, ``scales`` (C,) are support / R_j where points have radii of
     their own.
     """
@@ -141,7 +141,7 @@ def _linear_part(moments: tuple[Any, Any], plain: tuple[Any, Any], span: Span, t
 
 
 def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, trend: str) -> tuple[Any, Any, Any]:
-    """For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves."""
+    """For a matrix that is not symmetric: the trend of least squares, and Phi alpha = its residual."""
     dim, rule = x.shape[1], TRENDS[trend].linear
     linear, constant = jnp.zeros((dim, dim)), jnp.zeros(dim)
     if rule is not None:
@@ -176,7 +176,7 @@ def _bordered_system(
     if rank == dim:
         return v[:n], v[n + 1 : last].T @ basis.T, v[n], bent
     linear = complete(basis + v[n + 1 : last].T, basis) - jnp.eye(dim)
-    # Points that are flat only to rounding lie a little off their span, where the completed map displaces them too:
+    # Points that are flat only to rounding are a little off their span, where the completed map displaces them too:
     # fit the residual. Its trend is of the size of that rounding, and is added.
     rest = border(d - x @ linear.T - (0.0 if q is None else q @ bent))
     bent = bent if q is None else bent + quadrics @ rest[last:]

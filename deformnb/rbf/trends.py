@@ -38,7 +38,7 @@ NO_ANGLE = 1e-6
 THIN = 0.25
 _SURELY = 1 + 1e-6  # beyond rounding
 _LEAST_MOMENT = 1e-280  # squares of tiny lengths have no digits
-# How fast: the penalty on what a thin direction does beyond the similarity is, relative to the trace of S,
+# Rate: the penalty on the departure of a thin direction from the similarity is, relative to the trace of S,
 # ((THIN - spread) / spread)^2 / SOFTNESS. Of rows with one point dragged by a tenth of their length this value was
 # tried and had det J above 0.3 next to them; smaller ones are nearer to a similarity.
 SOFTNESS = 0.5

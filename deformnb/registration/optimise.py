@@ -196,7 +196,7 @@ class MultiscaleFit:
         places = moving.points(*indices).reshape(-1, moving.dim)
         weights = fixed.covers(places).astype(np.float64)
         if weights.mean() < _LEAST_SHARED:
-            raise DeformError("the two pictures do not overlap: they must lie in the same coordinates.")
+            raise DeformError("the two pictures do not overlap: they must have the same coordinates.")
         blocks = self._blocks(places)
         pad = (0, blocks.shape[0] * LOCAL_PLACES - len(places))
         sampled = SampledImage(
@@ -430,7 +430,9 @@ def _positions(points: ControlPoints, start: RBFInterpolant) -> NDArray[np.int64
     at = np.array([points.index(i) for i in start.ids], dtype=np.int64)
     if len(at) < int(points.active.sum()):
         merged = [points.label(int(k)) for k in np.flatnonzero(points.active) if k not in at]
-        raise DeformError(f"{merged[0]} lies where another one does; move or delete it before the targets are fitted.")
+        raise DeformError(
+            f"{merged[0]} is at the place of another one; move or delete it before the targets are fitted."
+        )
     if points.locked[at].all():
         raise DeformError("no control point may move: all are locked or switched off, or there are none. Add some.")
     return at
@@ -474,8 +476,8 @@ def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpo
     if len(x) == 1:
         return Span(np.zeros((dim, 0)), nothing)
     raise DeformError(
-        "the control points lie on one line or in one plane, where this affine trend is open; add one "
-        "beside it, or take a Wendland kernel and the trend affine."
+        "the control points lie on one line or in one plane, where this affine trend is undetermined; add one "
+        "off it, or take a Wendland kernel and the trend affine."
     )
 
 
@@ -514,8 +516,8 @@ def snap_to_match(
     """Move the target of each point to the fixed picture's best match of the patch that is at the target now.
 
     That patch is the neighbourhood of the source in the moving picture, deformed as it is now. The
-    similarity is the normalised cross-correlation over a disc (a ball in space), at all shifts within the search at
-    once by FFT, with a quadratic through the best and its neighbours. Every point is found on its own, from the map
+    similarity is the normalised cross-correlation over a disc (a ball in space), at all shifts within the search
+    by FFT, with a quadratic through the best and its neighbours. Every point is found separately, from the map
     as it is now. A point is left where its neighbourhood is even, where nothing matches it (correlation below
     0.6), where the best place is at the rim of the search, and where another place matches nearly as well.
 
@@ -605,7 +607,7 @@ class _Window:
             return score, nothing, f"nothing within {self._search:.3g} looks like it"
         around = tuple(slice(max(i - 1, 0), i + 2) for i in here)
         if self._inside[around].size < 3 ** len(here) or not self._inside[around].all():
-            return score, nothing, "the best place lies at the rim of the search"
+            return score, nothing, "the best place is at the rim of the search"
         away = self._inside & (np.linalg.norm(self._shifts - found, axis=-1) >= self._radius / 2)
         if (alike[away] > score - _AMBIGUOUS).any():
             return score, nothing, "several places look like it"

@@ -28,15 +28,15 @@ _SPECK = 1e-3
 _COMPARED = 512
 # A target within this share of an outline's extent is on it: far above rounding, far below a pixel.
 _ON_IT = 1e-6
-# A point slides at most this share of the gap to its neighbour at once, so that none overtakes another, and comes no
-# nearer to it than this share of an even spacing: two dissimilar outlines would pile points on one place.
+# A point slides at most this share of the gap to its neighbour in one iteration, so that none overtakes another, and
+# comes no nearer to it than this share of an even spacing: two dissimilar outlines would pile points on one place.
 _STRIDE, _NEAREST = 0.45, 0.15
 # Less than this share of the energy is no progress; at its smallest the share is of rounding only.
 _ENOUGH, _NO_ENERGY = 1e-9, 1e-20
 
 
 def outline(picture: Picture, level: float | None = None) -> list[Floats]:
-    """The closed outlines of what a picture shows, by marching squares.
+    """The closed outlines of the subject of a picture, by marching squares.
 
     Parameters
     ----------
@@ -187,8 +187,8 @@ def fit_outline(
 ) -> Slid:
     """Add points along one outline that go to another one.
 
-    They are spread evenly by arc length on both; where the second begins is chosen so that the two, laid on one
-    another by their middles and sizes, are closest. Then they :func:`slide` along the target's outline.
+    They are spread evenly by arc length on both; where the second begins is chosen so that the two, with equal
+    middles and sizes, are closest. Then they :func:`slide` along the target's outline.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def fit_outline(
     if not (isinstance(count, int | np.integer) and 3 <= count <= 500):
         raise DeformError(f"an outline takes 3 to 500 points, got {count!r}.")
     if points.dim != 2:
-        raise DeformError("outlines lie on a picture; points in space have none.")
+        raise DeformError("outlines are curves on a picture; points in space have none.")
     source, target = (
         ClosedCurve(line if area(ClosedCurve(line).ring) > 0 else np.asarray(line)[::-1])
         for line in (source_outline, target_outline)
@@ -246,7 +246,7 @@ def fix_outline(points: ControlPoints, line: ArrayLike, *, count: int = 16) -> C
     (8, 7)
     """
     if points.dim != 2:
-        raise DeformError("outlines lie on a picture; points in space have none.")
+        raise DeformError("outlines are curves on a picture; points in space have none.")
     if not (isinstance(count, int | np.integer) and 3 <= count <= 500):
         raise DeformError(f"an outline takes 3 to 500 points, got {count!r}.")
     curve, moved = ClosedCurve(line), np.any(points.displacement != 0, axis=1)
@@ -316,7 +316,7 @@ def slide(
         points.index(point)
     found = _curve_positions(points, lines, set(fixed_ids), ids)
     if not found:
-        raise DeformError("no point can slide: none that is free lies on the outline.")
+        raise DeformError("no point can slide: none that is free is on the outline.")
     active = np.flatnonzero(points.active)
     sliding = _Sliding(
         points.source[active],
@@ -420,7 +420,7 @@ def bending_matrix(source: ArrayLike) -> Floats:
     values = np.linalg.eigvalsh(inner) if n > 3 else np.ones(1)
     if n - free.shape[1] < 3 or values.min() < 1e-12 * values.max():
         raise DeformError(
-            "the sources lie on one line, or two of them at one place: no thin-plate spline goes through "
+            "the sources lie on one line, or two of them at one place: no thin-plate spline passes through "
             "them. Move or remove one."
         )
     return np.asarray(8 * np.pi / size**2 * free @ np.linalg.solve(inner, free.T))

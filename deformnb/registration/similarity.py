@@ -22,7 +22,7 @@ from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.system import solve
 
 LOCAL_PLACES = 4096
-"""Places whose displacements are computed at once: with 64 points 2 MiB for each intermediate, within the cache."""
+"""Places whose displacements are computed together: with 64 points 2 MiB for each intermediate, within the cache."""
 
 Measure = Callable[[Any, Any, Any], Any]
 """(values of the deformed picture, of the other one, weights), all of one shape -> similarity, larger is better."""
@@ -156,7 +156,7 @@ class Objective:
 
 
 class Value(NamedTuple):
-    """A loss, its slope (C, dim) by the moves, and what it consists of: similarity, energy, the smallest det J."""
+    """A loss, its slope (C, dim) by the moves, and its terms: similarity, energy, the smallest det J."""
 
     loss: float
     slope: NDArray[np.float64]

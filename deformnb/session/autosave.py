@@ -138,7 +138,7 @@ class Autosave:
             raise TimeoutError(f"the session was not written within {timeout:g} seconds.")
 
     def close(self, timeout: float = _WAIT_AT_CLOSE) -> bool:
-        """Write what waits and end: no crash, so nothing is offered; what was not saved stays in the history.
+        """Write pending edits and end: no crash, so nothing is offered; unsaved edits stay in the history.
 
         Parameters
         ----------
@@ -183,7 +183,7 @@ class _Reports:
             return
         self._has_trouble = True
         _LOG.warning("a session could not be written by itself: %s", error)
-        text = f"Nothing is kept by itself for now, save the session yourself: {_why(error)}"
+        text = f"Autosave is not possible now, save the session yourself: {_why(error)}"
         _safely(lambda: self._on_trouble and self._on_trouble(text))
 
 
@@ -528,7 +528,7 @@ class Recovery:
         return f"An edit of {moment(lost[0].edited)} was not saved ({size}).{more}"
 
     def act(self, command: str) -> None:
-        """Do a :data:`~deformnb._typing.RecoveryCommand` with what is offered.
+        """Do a :data:`~deformnb._typing.RecoveryCommand` with the offered session.
 
         Raises
         ------
@@ -556,7 +556,7 @@ class Recovery:
         self.autosave.replaces(entry)
 
     def resume(self, which: int) -> None:
-        """Go on with one of the :attr:`earlier` sessions; can be undone.
+        """Continue one of the :attr:`earlier` sessions; can be undone.
 
         Raises
         ------
@@ -564,7 +564,7 @@ class Recovery:
             If there is no such one, or its file is damaged or gone.
         """
         if not 0 <= which < len(self.earlier):
-            raise DeformError("this earlier session is no longer kept.")
+            raise DeformError("this earlier session is no longer stored.")
         entry = self.earlier[which]
         document = restore(entry)
         index = entry.index if 0 <= entry.index < len(document.steps) else None

@@ -1,7 +1,7 @@
 """Store of autosaved sessions in a folder of the user: the list, the lost ones, and their contents.
 
 Each is a file of two parts: a line of facts, and the document. Next to the file of a running session is an
-empty one that its process holds (see :mod:`deformnb.io.files.atomic`): when the process dies, the system releases it,
+empty one that its process holds (see :mod:`deformnb.io.files.atomic`): when the process ends, the system releases it,
 and the edits that were not saved count as lost.
 """
 
@@ -66,7 +66,7 @@ class SavedSession:
     state : one of :data:`STATES`.
     points, steps : how many there are.
     index, key : which step, and which of its sets of points, was edited.
-    number : higher than that of any session that was there when this one began, whatever the clock shows.
+    number : higher than that of any session that existed when this one began, independent of the clock.
     """
 
     path: Path
@@ -81,12 +81,12 @@ class SavedSession:
 
     @property
     def lock_path(self) -> Path:
-        """The file that the session's process holds while it lives."""
+        """The file that the session's process holds while it runs."""
         return self.path.with_suffix(_HELD)
 
     @property
     def is_live(self) -> bool:
-        """True while the process that writes it lives."""
+        """True while the process that writes it runs."""
         return not is_abandoned(self.lock_path)
 
     @property

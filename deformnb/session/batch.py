@@ -76,7 +76,7 @@ def inputs_of(paths: Sequence[str | PathLike[str]]) -> list[Path]:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise DeformError(
-            f"two inputs are called {twice}, and their results would be one file; rename one, or replay "
+            f"two inputs are named {twice}, and their results would be one file; rename one, or replay "
             "them into two folders."
         )
     return found
@@ -162,7 +162,7 @@ def replay(
 
 
 def _check_outputs(files: Sequence[Path], outputs: Sequence[Path]) -> None:
-    """No result may take the place of an input, whatever may be overwritten, nor of another result."""
+    """Refuse results that would replace an input, with any ``overwrite``, or another result."""
     inputs, maker = {path.resolve() for path in files}, dict[str, str]()
     for path, output in zip(files, outputs, strict=True):
         if output.resolve() in inputs:

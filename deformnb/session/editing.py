@@ -341,11 +341,11 @@ class Editing(traitlets.HasTraits):
             self.past.start_drag()
 
     def undo(self) -> str:
-        """Take back the last edit; returns what it was, empty if there is none."""
+        """Undo the last edit; returns its description, empty if there is none."""
         return self._travel("undo")
 
     def redo(self) -> str:
-        """Do again what was taken back; returns what it was, empty if there is nothing."""
+        """Redo the edit that was undone last; returns its description, empty if there is none."""
         return self._travel("redo")
 
     def _travel(self, way: str) -> str:

@@ -56,7 +56,7 @@ def _shorten_axes(picture: Picture) -> tuple[NDArray[np.float64], ...]:
 
 
 def bend(step: Step, picture: Picture) -> Step:
-    """The subject is bent to an arc of a circle, its middle line keeping its length: points on three lines."""
+    """Bend the subject to an arc of a circle with a middle line of the same length: points on three lines."""
     middle, long, short = _shorten_axes(picture)
     size = np.linalg.norm(long)
     along, across = long / size, short / np.linalg.norm(short)
@@ -91,7 +91,7 @@ def open_cut(step: Step, picture: Picture) -> Step:
 
 
 def thompson(step: Step, picture: Picture) -> Step:
-    """Thompson's grid of Polyprion laid on the subject and turned into that of Antigonia (1917, Figs. 377, 380)."""
+    """Transform Thompson's grid of Polyprion, on the subject, into that of Antigonia (1917, Figs. 377, 380)."""
     grids = thompson_map("Polyprion", "Antigonia", box=subject_box(picture), frame=picture.raster.box)
     return step.with_points(
         ControlPoints.from_arrays(grids.source_nodes.reshape(-1, 2), grids.target_nodes.reshape(-1, 2))
@@ -99,7 +99,7 @@ def thompson(step: Step, picture: Picture) -> Step:
 
 
 EXAMPLES: dict[str, Example] = {
-    "bend": Example("Bend it", "What is seen is bent to an arc", bend),
+    "bend": Example("Bend it", "Bend the subject to an arc", bend),
     "open": Example("Cut it open", "An incision in front, and two points that pull it open", open_cut),
     "thompson": Example("Thompson's fish", "The grid by which D'Arcy Thompson turned one fish into another", thompson),
 }

@@ -1,7 +1,7 @@
 """Undo and redo as a tree of states: an edit after an undo begins a branch, and undone states stay reachable.
 
 States are immutable and share the parts that no edit changed. The memory of the tree is an estimate: each shared part
-counts once, however many states have it (:func:`weigh_part` estimates its size).
+counts once, for any number of states that have it (:func:`weigh_part` estimates its size).
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class History:
 
     The state that is shown belongs to the caller, which passes it when it is left. Where there is no room,
     the oldest ends of branches that undo and redo do not lead to go first, then the oldest states of all; the one
-    next to the shown one stays, whatever it weighs.
+    next to the shown one stays, whatever its size.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class History:
     def record(
         self, before: Any, label: str, kind: str | None = None, now: float | None = None, *, slides: bool = False
     ) -> None:
-        """Keep ``before``, the state that an edit leaves; kind None never joins the edit before it.
+        """Store ``before``, the state that an edit leaves; kind None never joins the edit before it.
 
         Parameters
         ----------

@@ -33,7 +33,7 @@ def volume_from(
     level: int | None = None,
     progress: Progress | None = None,
 ) -> Volume:
-    """A volume of whatever is one, of a mesh, or of the path of a file of a volume or a mesh.
+    """A volume from any object that is one, from a mesh, or from the path of a file of a volume or a mesh.
 
     Parameters
     ----------

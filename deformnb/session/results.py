@@ -96,7 +96,7 @@ class Results:
         return self.grid or self._volume.grid
 
     def grow(self, margin: ArrayLike) -> None:
-        """Give the result a margin around the volume, so that what is dragged out of its box is not cut off.
+        """Give the result a margin around the volume, so that tissue dragged out of its box is not cut off.
 
         Parameters
         ----------
@@ -129,7 +129,7 @@ class Results:
             editing.amend(deformation, replace(deformation, output=box), editing.notice)
         if found.is_limited:
             editing.notice = (
-                f"Tissue reaches farther than a box of {most:g} times the volume's voxels; what lies beyond is cut off."
+                f"Tissue reaches farther than a box of {most:g} times the volume's voxels; the rest is cut off."
             )
         return not found.is_limited
 

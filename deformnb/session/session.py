@@ -1,7 +1,7 @@
 """Session of one user with one volume: the edited document, its history, the view state, results and files.
 
 A session has no widget and no thread: the notebook's studio and the application are thin front ends of it. It holds a
-part for each of these, and does itself what takes several of them. It may be called from any thread; observers are
+part for each of these, and does the tasks that need several of them. It may be called from any thread; observers are
 called in the thread of the edit.
 """
 
@@ -38,7 +38,7 @@ class Session:
 
     Parameters
     ----------
-    volume : to deform; never changed. Whatever is a volume, channels or a mesh will do, as in the studio.
+    volume : to deform; never changed. Any object that is a volume, channels or a mesh is accepted, as in the studio.
     deformation : to continue, in the view state that was saved; default is one step with a point in each corner of the
         picture that holds it still.
     view : side of the first picture, one of :data:`~deformnb.volume.plane.VIEWS`.
@@ -117,7 +117,7 @@ class Session:
         landmarks, plane = as_landmarks(landmarks), self.editing.step.plane
         if plane is None and landmarks.points.shape[1] == 2:
             raise DeformError(
-                "these landmarks lie on a picture, and the points of this step in space: choose another step."
+                "these landmarks are on a picture, and the points of this step in space: choose another step."
             )
         landmarks = landmarks.to_unit(self.editing.grid.unit)
         source, points = landmarks.points, self.editing.points
@@ -142,7 +142,7 @@ class Session:
         return Landmarks(source, points.names, fixed=target, active=points.active, unit=self.editing.grid.unit)
 
     def fix_outline(self, count: int = 16) -> None:
-        """Add points that stay along the outline of what the picture shows: drags bend only the tissue around them.
+        """Add points that stay along the outline of the picture's subject: drags bend only the tissue around them.
 
         On a slice and a maximum the outline is where the values rise above air, elsewhere where dark and bright part
         best. Points that hold it already and were not moved make room.
@@ -158,7 +158,7 @@ class Session:
         """
         if self.editing.step.plane is None:
             raise DeformError(
-                "an outline lies on a picture, and this step has its points in space: choose another step, or add one."
+                "an outline is on a picture, and this step has its points in space: choose another step, or add one."
             )
         picture, level = self.pictures.automatic_picture(), None  # a window set manually may begin above air
         if self.pictures.method in ("slice", "mip"):
@@ -166,11 +166,11 @@ class Session:
             level = min(max((levels(self.volume)[1] - low) / (high - low), 0.02), 0.98)
         lines = outline(picture, level)
         if not lines:
-            raise DeformError("there is no outline on the picture: all of it is alike.")
+            raise DeformError("there is no outline on the picture: all of it has one value.")
         points = fix_outline(self.editing.points, lines[0], count=count)
         self.editing.edit_points(points, "hold the outline")
         held = points.names.count(OUTLINE_POINT)
-        self.editing.notice = f"{held} points hold the outline: a drag bends only what lies around it."
+        self.editing.notice = f"{held} points hold the outline: a drag bends only the tissue around it."
 
     def set_view(self, view: str | Plane) -> None:
         """View from another side: back at the step made from there, or else on a new one after all others.
@@ -214,7 +214,7 @@ class Session:
         self.files.write(self.document(), path, overwrite=overwrite)
 
     def open(self, path: str | PathLike[str], *, allow_other_volume: bool = False) -> None:
-        """Go on with a saved document; can be undone.
+        """Open a saved document; can be undone.
 
         Parameters
         ----------
@@ -247,7 +247,7 @@ class Session:
                 raise
         difference = self.files.difference(deformation)
         if difference and not allow_other_volume:
-            raise OtherVolumeError(f"{difference} Pass allow_other_volume=True to open it all the same.")
+            raise OtherVolumeError(f"{difference} Pass allow_other_volume=True to open it regardless.")
         with self.editing.lock:
             self.editing.edit_document(deformation, label, max(0, len(deformation.steps) - 1), key=0)
             self.files.path, self.files.saved = None, None if laid else self.editing.deformation

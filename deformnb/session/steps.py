@@ -40,9 +40,7 @@ class Steps:
             last = len(editing.deformation.steps)
             step = editing.initial_step(None if in_space else editing.plane)
             editing.edit_document(editing.deformation.then(step), "add a step", last, key=0)
-            editing.notice = (
-                f"Step {last + 1} begins, {self.side_of(step.plane)}: what is dragged now is done after step {last}."
-            )
+            editing.notice = f"Step {last + 1} begins, {self.side_of(step.plane)}: drags now apply after step {last}."
 
     def remove(self, index: int | None = None) -> None:
         """Without a step, by default the one that is edited; of the only one, only its drags go."""

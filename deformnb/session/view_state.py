@@ -1,7 +1,7 @@
 """View state of a volume, stored in a document next to its edits: projection, slice, window, colours, opacities.
 
 A document has it in a separate field, ``look``, since version 1.4. It is no part of the deformation: it is not undone
-with an edit, and two documents that only look different are the same.
+with an edit, and two documents that differ only in it are the same.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class ViewState:
 
 
 def without_view_state(deformation: Deformation) -> Deformation:
-    """A document without its view state, whatever that is."""
+    """A document without its view state."""
     if FIELD not in deformation.extra:
         return deformation
     return replace(deformation, extra={key: value for key, value in deformation.extra.items() if key != FIELD})

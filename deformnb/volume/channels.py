@@ -123,7 +123,7 @@ class Channels:
         for volume in volumes[1:]:
             if volume.grid != first.grid or volume.dtype != first.dtype:
                 raise DeformError(
-                    f"channels lie on one grid and have one voxel type, and {volume.name or 'one'!r} "
+                    f"channels have one grid and one voxel type, and {volume.name or 'one'!r} "
                     f"({volume.dtype} on {volume.grid.shape}) differs from {first.name or 'another'!r} "
                     f"({first.dtype} on {first.grid.shape})."
                 )

@@ -1,4 +1,4 @@
-"""Colour maps of grey pictures: grey, and maps in which equal steps of value look like equal steps of colour.
+"""Colour maps of grey pictures: grey, and perceptually uniform maps.
 
 The perceptual maps are those of Matplotlib: viridis, magma and inferno by S. van der Walt and N. Smith (public domain,
 CC0); cividis by J. R. Nunez, C. R. Anderton and R. S. Renslow, "Optimizing colormaps with consideration for color

@@ -162,7 +162,7 @@ def _from_array(given: Any) -> Volume:
             package = type(given).__module__.partition(".")[0]
             raise DeformError(
                 f"this {type(given).__name__} of {package} states its place by {place!r}, which is not "
-                "understood here; say it: Volume.from_array(array, spacing, origin, direction), or "
+                "supported; give it: Volume.from_array(array, spacing, origin, direction), or "
                 "Volume.from_affine(array, affine)."
             )
     made = Volume.from_array(_numbers(given))
@@ -178,7 +178,7 @@ def _is_array(given: Any) -> bool:
 
 
 def _numbers(given: Any) -> Any:
-    """The array behind an object, which may lie on a device or refuse to be read."""
+    """The array behind an object, which may be on a device or refuse to be read."""
     if isinstance(given, np.ndarray | list | tuple) or getattr(given, "chunks", None) is not None:
         return given  # checked by Volume.from_array
     try:

@@ -197,7 +197,7 @@ class Plane:
 
     @classmethod
     def from_view(cls, grid: Grid | VolumeLike, view: str = "+y", depth: float | None = None) -> Plane:
-        """The plane of a picture of ``grid`` seen along one of its own axes.
+        """The plane of a picture of ``grid`` seen along one of its axes.
 
         Parameters
         ----------

@@ -42,7 +42,7 @@ def connected_threshold(
     [[[True, True, False, False]]]
     """
     if not all(0 <= k < n for k, n in zip(seed, values.shape, strict=True)):
-        raise DeformError(f"the seed {seed} lies outside of an array of shape {values.shape}.")
+        raise DeformError(f"the seed {seed} is outside an array of shape {values.shape}.")
     if not low <= values[seed] <= high:
         raise DeformError(f"the value {values[seed]:g} at the seed is not within {low:g} to {high:g}.")
     depth = max(1, _SLAB // max(1, values.shape[1] * values.shape[2]))

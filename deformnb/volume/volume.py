@@ -94,7 +94,8 @@ def cast(array: NDArray[Any]) -> tuple[NDArray[Any], tuple[str, ...]]:
     Raises
     ------
     DeformError
-        For types without an order (complex, object, text ...) and for whole numbers no kept type holds exactly.
+        For types without an order (complex, object, text ...) and for whole numbers that no supported
+            type represents exactly.
 
     Examples
     --------
@@ -127,7 +128,7 @@ def _integer_target(array: NDArray[Any]) -> np.dtype[Any]:
         return np.dtype(np.float64)
     raise DeformError(
         f"voxel type {array.dtype.name} with values from {low} to {high}: neither int32 nor float64 holds all of them "
-        "exactly. Subtract an offset or number the labels anew first."
+        "exactly. Subtract an offset or renumber the labels first."
     )
 
 
@@ -226,7 +227,7 @@ def label_note(array: NDArray[Any]) -> tuple[str, ...]:
     note = (
         f"{_LIKE_LABELS} ({len(values)} whole numbers in regions of one value each) but are not "
         "declared as such: deforming makes up values between them; set is_labels=True (--labels in a command) to "
-        "keep each as it is, or is_labels=False if they are amounts"
+        "preserve them, or is_labels=False if they are amounts"
     )
     return (note,)
 
@@ -391,7 +392,7 @@ class MappedFile:
             return
         name = "" if self._path is None else f" {os.path.basename(self._path)!r}"
         raise FileChangedError(
-            f"the file{name} that the volume's voxels are mapped from {what}. Load it anew, "
+            f"the file{name} that the volume's voxels are mapped from {what}. Load it again, "
             "and copy the voxels (np.array) where the file may change."
         )
 
@@ -794,7 +795,7 @@ class Volume:
         if tuple(self.values.shape) != self.grid.shape:
             raise DeformError(f"the array has shape {self.values.shape} but the grid has {self.grid.shape}.")
         if self.values.dtype.name not in DTYPES or not self.values.dtype.isnative:
-            raise DeformError(f"voxel type {self.values.dtype} is not kept as it is; use Volume.from_array to cast it.")
+            raise DeformError(f"voxel type {self.values.dtype} is not supported; use Volume.from_array to cast it.")
 
     @property
     def is_undecided(self) -> bool:

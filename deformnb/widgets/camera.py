@@ -32,9 +32,9 @@ SHOWS = {
     "deformed": "the deformed volume",
     "original": "the volume as it was given",
     "side_by_side": "original on the left and deformed on the right, turned together",
-    "flicker": "original and deformed in turn, at the same place",
+    "flicker": "original and deformed alternating, at the same place",
     "wipe": "original left of a line that can be dragged, deformed right of it",
-    "fade": "original laid over the deformed volume, with an opacity that can be changed",
+    "fade": "original overlaid on the deformed volume, with an opacity that can be changed",
 }
 """Display modes of a volume and its deformation, by name; the first is the default."""
 

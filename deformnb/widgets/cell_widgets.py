@@ -165,7 +165,7 @@ def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:
     return bundle
 
 
-# Set in kernels of hosts that let nobody type and show widgets all the same: Voila, which runs notebooks as nbconvert
+# Set in kernels of hosts that let nobody type and yet show widgets: Voila, which runs notebooks as nbconvert
 # does but has a web page before it, and Databricks.
 _PAGES_WITHOUT_INPUT = (
     "SERVER_SOFTWARE",

@@ -146,11 +146,11 @@ PARAMETERS: dict[str, AbstractParameter] = {
         SIDES,
         SIDES,
     ),
-    "method": Choice("Projection", "How depth becomes a picture", PROJECTIONS),
-    "depth": Number("Slice", "Where the slice lies: 0 in front, 1 at the back", 0.0, 1.0, 0.005),
+    "method": Choice("Projection", "Reduction of the depth to a picture", PROJECTIONS),
+    "depth": Number("Slice", "Depth of the slice: 0 in front, 1 at the back", 0.0, 1.0, 0.005),
     "colour_map": Choice(
         "Colour map",
-        "Colours of the grey values from black to white of the window; the bar beside "
+        "Colours of the grey values from black to white of the window; the bar next to "
         "the picture has the values, and handles that change the window",
         COLOUR_MAPS,
     ),
@@ -162,7 +162,7 @@ PARAMETERS: dict[str, AbstractParameter] = {
     "show_radius": Switch("Radii", "The support radius of each point: how far it reaches"),
     "overlay": Choice(
         "Overlay",
-        "What is laid over the picture; the key V goes through them",
+        "Overlay on the picture; the key V cycles through them",
         OVERLAYS,
         {"folds": "Folds (red)", "area": "Area (green grows, purple shrinks)", "strain": "Principal strains"},
     ),
@@ -205,7 +205,7 @@ PARAMETERS: dict[str, AbstractParameter] = {
     # In space
     "extrusion": Choice(
         _label("extrusion"),
-        "What the displacement of the picture becomes in the depth",
+        "Extrusion of the displacement of the picture into the depth",
         EXTRUSIONS,
         {
             "replicate": "Replicate: same at all depths",
@@ -221,7 +221,7 @@ PARAMETERS: dict[str, AbstractParameter] = {
     ),
     "cut_rule": Choice(
         "Sides seen",
-        "What is seen where the two sides of a cut have been moved over each other",
+        "The side that is visible where the two sides of a cut overlap",
         CUT_RULES,
         {"source": "Wherever they moved", "paper": "Own side only (paper)"},
     ),
@@ -232,12 +232,12 @@ PARAMETERS: dict[str, AbstractParameter] = {
     "shows": Choice(
         "Compare",
         "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items())
-        + "; the picture does the same, but for two side by side or in turn",
+        + "; the picture does the same, except two side by side or alternating",
         SHOWS,
     ),
     "movie_renderer": Choice(
         "Drawn by",
-        "What draws the frames of a movie: the page itself, as its view looks, or "
+        "Renderer of the frames of a movie: the browser, as in its view, or "
         "Python; automatic takes the page where it has a graphics card",
         ("automatic", "page", "python"),
         {"automatic": "Automatic", "page": "This view", "python": "Python"},
@@ -247,8 +247,7 @@ PARAMETERS: dict[str, AbstractParameter] = {
     ),
     "ambient_occlusion": Switch(
         "Ambient occlusion",
-        "Hollows and what lies deep inside are darker, where the browser "
-        "draws the volume shaded; VTK's pictures have none",
+        "Hollows and deep places are darker, where the browser draws the volume shaded; VTK's pictures have none",
     ),
     "show_folds": Switch("Folds in the volume", "Red stripes on tissue that is shown twice"),
 }
@@ -261,15 +260,15 @@ ACTIONS: dict[str, Action] = {
     "reset": Action("Reset", "The volume as it was, without points and steps; can be undone"),
     "hold_outline": Action(
         "Hold outline",
-        "Points that stay along the outline: a drag then bends only what lies around it, and not the whole body",
+        "Points that stay along the outline: a drag then bends only the tissue around it, and not the whole body",
     ),
     "thompson": Action(
         "Grids",
-        "Thompson's grids and your own: the picture on a regular grid beside the deformed one, "
+        "Thompson's grids and your own: the picture on a regular grid next to the deformed one, "
         "whose nodes can be dragged",
     ),
     "auto_window": Action(
-        "Automatic window", "Black and white of the picture as its values suggest, instead of those set by hand"
+        "Automatic window", "Black and white of the picture from its values, instead of those set manually"
     ),
     "add_step": Action("Add step", "Deform once more from this side, after all other steps"),
     "take_back": Action("Limit to fold-free", "Take the last drag, or else the strength, back to where nothing folds"),
@@ -281,8 +280,8 @@ ACTIONS: dict[str, Action] = {
         "Choose kernel, trend, support radius, smoothing and direction of the "
         "fit by how well it predicts points that are left out",
     ),
-    "fit_box": Action("As large as needed", "So that nothing is cut off that was dragged out of the volume's box"),
-    "own_box": Action("The volume's own", "What lies outside of it is cut off"),
+    "fit_box": Action("As large as needed", "A box that contains all tissue dragged out of the volume's box"),
+    "own_box": Action("The volume's own", "Tissue outside it is cut off"),
     "look_at": Action("", "Show it: a wrong place, two points swapped, or a drag that its neighbours do not follow"),
 }
 """Buttons that several front ends have, by the name of their action."""
@@ -326,7 +325,7 @@ def as_json(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
 
 
 def as_markdown() -> str:
-    """The page of the documentation."""
+    """The page of the documentation as Markdown."""
     rows = [f"| `{name}` | {p.label} | {p.values} | {p.tooltip}. |" for name, p in PARAMETERS.items()]
     buttons = [f"| `{name}` | {a.label} | {a.tooltip}. |" for name, a in ACTIONS.items() if a.label]
     about = (

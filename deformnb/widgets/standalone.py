@@ -63,9 +63,7 @@ MOST_BYTES = 9_000_000
 _LARGEST = 1024
 _SPACE_SIZE = 48  # samples of a displacement that is no extrusion: 64 as in a live view would be twice the file
 
-FILE_PAGE_ABOUT = (
-    "Open a volume or a picture of your own, drag points on it, compare before and after, and download the result."
-)
+FILE_PAGE_ABOUT = "Open your volume or picture, drag points on it, compare before and after, and download the result."
 """The line under the title of a page for files."""
 
 _STILL = (640, 480)
@@ -190,7 +188,7 @@ def file_page_html(language: str | None = None) -> str:
 
 
 def write_file_page(path: str | os.PathLike[str], *, language: str | None = None, overwrite: bool = True) -> None:
-    """Write the page of :func:`file_page_html` to a file, whole or not at all.
+    """Write the page of :func:`file_page_html` to a file, atomically.
 
     Parameters
     ----------
@@ -261,7 +259,7 @@ def write_standalone(
     overwrite: bool = True,
     **options: Any,
 ) -> None:
-    """Write the page of :func:`standalone_html` to a file, whole or not at all.
+    """Write the page of :func:`standalone_html` to a file, atomically.
 
     Parameters
     ----------
@@ -462,7 +460,7 @@ def _round(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:
 
 
 def _traits(widget: Any) -> dict[str, Any]:
-    """The traits that the page of a widget sees."""
+    """The traits that the front end of a widget has."""
     state = widget.get_state()
     return {
         name: _plain(value)

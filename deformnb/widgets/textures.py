@@ -5,7 +5,7 @@ coarsely in space. Of a composition the last step is separate if it is an extrus
 edited. All moments of an animation are sent as maps over one plane, one behind the other.
 
 At cuts every region has its own maps, with its distance to each cut. A map is never interpolated across a cut. The GPU
-decides at every sample anew which region is seen there, by the rule of :mod:`deformnb.rbf.cuts`; regions without
+decides at every sample which region is visible there, by the rule of :mod:`deformnb.rbf.cuts`; regions without
 control points are sent as such, with no displacement.
 
 A composition in which one step has cuts is sent as samples in space, each region by itself. The field next to a cut is

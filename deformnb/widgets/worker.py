@@ -1,7 +1,7 @@
 """Worker threads for slow work and for VTK.
 
 VTK needs a separate thread, because an OpenGL context belongs to the thread that made it. Callbacks of widgets come
-from whatever thread a front end likes. The work that they request is queued here: calls in the order in which they
+from any thread. The work that they request is queued here: calls in the order in which they
 came, then the newest job of each name, then jobs that wait for a rest.
 """
 

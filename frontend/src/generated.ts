@@ -401,7 +401,7 @@ export interface DrawShape {
   tool: "cut" | "part" | "fixed";
 }
 
-/** Other rigid parts that control points contradict: ask what to do with those. */
+/** Other rigid parts that control points contradict: the user decides what to do with those. */
 export interface ProposedParts {
   type: "parts";
   /** All parts. */

@@ -168,7 +168,7 @@ export class StandalonePage {
   cut: HTMLDetailsElement | null = null; // the sliders that cut the volume
   image: HTMLImageElement | null;
   closing = new AbortController();
-  /** What ends the widgets */
+  /** Functions that close the widgets */
   ends: (() => void)[] = [];
   editor: PlainModel;
   view: PlainModel | null;
@@ -233,7 +233,7 @@ export class StandalonePage {
     this.isStill = true;
     pagePart("volume").classList.add("dnb-page-flat");
     showAlert(
-      "This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be " + "dragged.",
+      "This browser offers no WebGL2, so the volume is a still picture; the picture next to it can be " + "dragged.",
     );
     document.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
     if (this.cut) this.cut.hidden = true;
@@ -252,7 +252,7 @@ export class StandalonePage {
   }
 
   /**
-   * Makes all as large as the window allows: two columns where it is wide, and no more height than is seen at once.
+   * Make all as large as the window allows: two columns where it is wide, and no more height than the window's.
    */
   fit() {
     const main = pagePart("main"),

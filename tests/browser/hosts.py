@@ -333,7 +333,7 @@ AT_REST = """() => {
   return Boolean(editor && !editor.frames.isMoving && !editor.frames.request && loop && !loop.isRequested && !loop.rush
     && loop.screen.drawn[loop.screen.layer] === `full${loop.screen.layer}`);
 }"""
-"""Whether picture and volume of a studio in a page are drawn in full."""
+"""Check that picture and volume of a studio in a page are drawn in full."""
 
 
 def box_at_rest(element: Any) -> Any:

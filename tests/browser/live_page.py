@@ -198,7 +198,7 @@ class LivePage:
 
     @property
     def _is_busy(self) -> bool:
-        """Whether messages of the page are read, answers not delivered, or states wait for older ones to be seen."""
+        """Check whether messages of the page are read, answers not delivered, or states wait for older ones."""
         pacers = (widget.fields.pacer for widget in self.widgets.values() if isinstance(widget, LiveView))
         return self._is_reading or bool(self._inbox or self.outbox) or any(pacer.is_waiting for pacer in pacers)
 

@@ -75,7 +75,7 @@ GROUPS = {
 """Sections with a heading, by the title of their group."""
 
 ARE_MADE = "() => ![...document.querySelectorAll('.dnb-studio .dnb-late')].some((place) => place.offsetParent)"
-"""Whether the kernel has made all visible panels."""
+"""Check whether the kernel has made all visible panels."""
 
 HEADING = ".dnb-section-head"
 TAB = ".dnb-studio .dnb-tab"
@@ -119,7 +119,7 @@ def faults(page: Any, may_scroll: str = "") -> list[str]:
 
 
 def has_fault(page: Any, words: str) -> bool:
-    """Whether a fault with these words is found, at once or when the layout is at rest."""
+    """Check whether a fault with these words is found, immediately or when the layout is at rest."""
     for _ in range(10):
         if any(words in fault for fault in faults(page)):
             return True

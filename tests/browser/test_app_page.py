@@ -69,7 +69,7 @@ DROP = """([name, text]) => {
 
 
 def _middle(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the cube is in a picture: column and row of its middle, as shares of the height."""
+    """Place of the cube in a picture: column and row of its middle, as shares of the height."""
     bright = image > 150
     assert bright.sum() > 200
     rows, columns = np.nonzero(bright)

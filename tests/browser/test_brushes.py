@@ -48,7 +48,7 @@ def around(middle: Any, radius: float, count: int = 48) -> NDArray[np.float64]:
 
 
 def moved(editor: Editor, places: Any) -> NDArray[np.float64]:
-    """How far what is at these places of the original goes."""
+    """Displacements of these places of the original."""
     return warp_points(np.atleast_2d(places), editor.fit())[0] - places
 
 

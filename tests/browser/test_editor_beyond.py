@@ -1,4 +1,4 @@
-"""What is dragged out of the editor's picture, in a real browser: drawn as far as the result's box reaches."""
+"""Tissue dragged out of the editor's picture, in a real browser: drawn as far as the result's box reaches."""
 
 from __future__ import annotations
 

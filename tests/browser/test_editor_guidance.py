@@ -1,4 +1,4 @@
-"""What the editor says and where the keys go: focus, waiting, hints, tips, folds and the list of keys."""
+"""Messages and keys of the editor: focus, waiting, hints, tips, folds and the list of keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How the points of the editor look: their arrows, how far they reach, and what those see who see fewer colours."""
+"""Drawing of the points of the editor: their arrows, their radii, and their colours in colour blindness."""
 
 from __future__ import annotations
 

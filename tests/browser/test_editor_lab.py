@@ -33,7 +33,7 @@ STATE = "import json; print(json.dumps([editor.points.target.tolist(), list(edit
 
 
 def middle(page: Any, point: int) -> tuple[float, float]:
-    """Where a point is on the screen, once Lab has come to rest."""
+    """Place of a point on the screen, once Lab has come to rest."""
     box = box_at_rest(page.locator(f"[data-id='{point}'] .dnb-ed-disc"))
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 

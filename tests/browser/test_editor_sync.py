@@ -93,7 +93,7 @@ def test_python_owns_the_undo_where_it_says_so(open_editor: Any, picture: Pictur
 
 
 def lit(page: EditorOnPage) -> tuple[bool, bool]:
-    """Whether undo and redo can be pressed, as the page shows it."""
+    """Check whether undo and redo are enabled on the page."""
     undo, redo = (page.page.locator(f"[data-command={way}]").get_attribute("aria-disabled") for way in ("undo", "redo"))
     return undo == "false", redo == "false"
 

@@ -24,7 +24,7 @@ def turned(places: Any, about: Any, degrees: float, factor: float = 1.0) -> NDAr
 
 
 def knob(page: EditorOnPage) -> tuple[float, float]:
-    """Where the handle that turns is, in the window."""
+    """Place of the rotation handle in the window."""
     page.wait_settled()
     box = page.page.locator("[data-mark='turn'] .dnb-ed-turn-disc").bounding_box()
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2

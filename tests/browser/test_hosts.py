@@ -96,12 +96,12 @@ class Shown:
         box_at_rest(self.page.locator(".dnb-view").first)
 
     def read(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:
-        """What the kernel knows, once it is as wanted, or after a minute."""
+        """State of the kernel, once it is as wanted, or after a minute."""
         state: dict[str, Any] = read_report(self.page, reached)
         return state
 
     def handle(self, point: int) -> tuple[float, float]:
-        """Where a point is on the screen."""
+        """Place of a point on the screen."""
         box = self.page.locator(f"[data-id='{point}'] .dnb-ed-disc").bounding_box()
         return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
@@ -129,7 +129,7 @@ class Shown:
         return float(self.page.evaluate(f"() => {EDITOR}.viewport.view.k"))
 
     def pixels(self, part: str) -> NDArray[np.uint8]:
-        """What is seen of an element now."""
+        """Screenshot of an element."""
         self.page.mouse.move(5, 5)
         wait_idle(self.host, self.page)
         png = self.page.locator(part).first.screenshot(animations="disabled", style=OVERLAYS)
@@ -148,7 +148,7 @@ def ball_on(image: NDArray[np.uint8], level: int) -> NDArray[np.float64]:
 
 
 def shift_by_the_core(x: float, y: float) -> NDArray[np.float64]:
-    """How far the middle of the ball moves on the picture when its point is dragged by this, all in millimetres."""
+    """Displacement of the middle of the ball on the picture when its point is dragged by this, all in millimetres."""
     v, u = np.indices((60, 60))
     disc = np.where((u - 29.5) ** 2 + (v - 29.5) ** 2 < 8**2, 250, 0).astype(np.uint8)
     points = ControlPoints.from_arrays([[2, 2], [57, 2], [57, 57], [2, 57], [29.5, 29.5]])

@@ -70,7 +70,7 @@ def red(page: LivePage) -> NDArray[np.bool_]:
 
 
 def places(page: LivePage) -> NDArray[np.float64]:
-    """Where on the plane each pixel looks, by the camera of the page; without perspective."""
+    """Place on the plane that each pixel shows, by the camera of the page; without perspective."""
     own = "document.querySelector('.dnb-view').deformnb"
     camera = page.page.evaluate(f"() => {own}.camera.forAspect({own}.camera.aspect)")
     height, width = SIZE[1], SIZE[0]

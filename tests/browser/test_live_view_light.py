@@ -119,7 +119,7 @@ def test_deformed_matter_is_lit_by_its_own_normals(view_on_page: tuple[LivePage,
 
 
 def surface(field: AbstractField, right: NDArray[Any], up: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Where rays along +y meet the deformed ball first, (rays, 3), and whether they do."""
+    """First intersections (rays, 3) of rays along +y with the deformed ball, and a mask of the rays that have one."""
     across = np.stack(np.meshgrid(right, up), -1).reshape(-1, 2) + np.asarray(GRID.center)[[0, 2]]
     steps = np.arange(0.0, 59.0, 1.0)
     inside = np.stack([depth(field, at(across, y)) > 0 for y in steps])

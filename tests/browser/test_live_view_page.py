@@ -75,7 +75,7 @@ def fields(grid: Grid = GRID) -> dict[str, Deformation]:
 
 
 def silhouette(image: np.ndarray) -> np.ndarray:
-    """What is brighter than the backgrounds of the dark view (41 at most) and of the still (29)."""
+    """Mask of the pixels brighter than the backgrounds of the dark view (41 at most) and of the still (29)."""
     return np.asarray(image.max(axis=2) > 64)
 
 
@@ -538,7 +538,7 @@ PAGE = "document.querySelector('.dnb-view').deformnb"
 
 
 def unevenness(image: np.ndarray) -> float:
-    """How far columns are from a steady rise, in grey levels."""
+    """Largest deviation of columns from a steady rise, in grey levels."""
     columns = image[70:110, 70:170, 0].mean(axis=0)
     x = np.arange(len(columns))
     return float(np.std(columns - np.polyval(np.polyfit(x, columns, 2), x)))

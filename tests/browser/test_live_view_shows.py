@@ -1,4 +1,4 @@
-"""What the live view shows in a real browser: original and deformed, its cube, its background, and an editor's maps."""
+"""The live view in a real browser: original and deformed, its cube, its background, and an editor's maps."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def open_view(page: LivePage, **options: Any) -> LiveView:
 
 
 def column(image: np.ndarray) -> float:
-    """Where the middle of what is bright lies, in pixels from the left."""
+    """Middle of the bright pixels, in pixels from the left."""
     return float(np.nonzero(image.max(axis=2) > 64)[1].mean())
 
 
@@ -159,7 +159,7 @@ def test_a_line_and_an_opacity_lead_from_the_original_to_the_deformed_volume(pag
         images[shows] = page.pixels()
 
     def is_cut_at(image: np.ndarray, x: int) -> bool:
-        """Whether it is the original up to this column and the deformed volume from there on, but for rounding."""
+        """Check that it is the original up to this column and the deformed volume from there on, but for rounding."""
         parts = ((image[:, :x], images["original"][:, :x]), (image[:, x:], images["deformed"][:, x:]))
         return all(np.abs(part.astype(int) - wanted).max(initial=0) <= 2 for part, wanted in parts)
 

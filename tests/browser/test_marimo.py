@@ -88,14 +88,14 @@ def marimo_page(browser: Any, tmp_path: Path) -> Iterator[Any]:
 
 
 def middle(page: Any, part: str, level: int) -> NDArray[np.float64]:
-    """Where the ball is on an element, in CSS pixels."""
+    """Place of the ball on an element, in CSS pixels."""
     png = page.locator(part).first.screenshot(animations="disabled", style=OVERLAYS)
     bright = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))[16:-16, 16:-16].min(axis=2) > level
     return np.argwhere(bright).mean(axis=0)[::-1] if bright.any() else np.array([np.nan, np.nan])
 
 
 def moved(page: Any, part: str, level: int, before: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How far the ball has moved, once it rests elsewhere, or after half a minute."""
+    """Displacement of the ball, once it rests elsewhere, or after half a minute."""
     last = before
     for _ in range(60):
         page.wait_for_timeout(500)

@@ -38,7 +38,7 @@ def bent(by: float) -> Deformation:
 
 
 def run_in_thread(page: LivePage, work: Callable[[], Any]) -> Any:
-    """What the work returns or raises, while the page is served."""
+    """Return or raise the result of the work, while the page is served."""
     done: list[Any] = []
 
     def run() -> None:

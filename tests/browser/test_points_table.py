@@ -87,7 +87,7 @@ def table(browser: Any) -> Any:
 
 
 def pixel(table: TableOnPage, canvas: np.ndarray, a: float, b: float) -> np.ndarray:
-    """What is seen at a place of the picture."""
+    """Colour of the screen at a place of the picture."""
     view = table.on_page.js(f"({PAGE}.viewport.view)")
     x, y = view["k"] * a + view["x"], view["k"] * b + view["y"]
     return canvas[round(view["ratio"] * y), round(view["ratio"] * x)]

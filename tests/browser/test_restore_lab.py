@@ -24,7 +24,7 @@ EDITOR = "document.querySelector('.dnb-editor')?.deformnb?.parts"
 
 
 def at(page: Any, a: float, b: float) -> tuple[float, float]:
-    """Where a place of the picture, in millimetres, is on the screen."""
+    """Place on the screen of a place of the picture in millimetres."""
     page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
     box = box_at_rest(page.locator(".dnb-ed-stage"))
     x, y, k = page.evaluate(f"() => [{EDITOR}.viewport.view.x, {EDITOR}.viewport.view.y, {EDITOR}.viewport.view.k]")
@@ -74,7 +74,7 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     page.evaluate("""() => { jupyterapp.shell.currentWidget.sessionContext.session.kernel.requestExecute(
         { code: "import os, signal; os.kill(os.getpid(), signal.SIGKILL)", store_history: false }); }""")
     page.wait_for_function("document.querySelector('.dnb-restore-gone')", timeout=60_000)
-    assert "The kernel was restarted: run the cell again. What was written by itself at" in bar.inner_text()
+    assert "The kernel was restarted: run the cell again. The session autosaved at" in bar.inner_text()
     assert page.locator(".dnb-restore-button").filter(visible=True).count() == 0
 
     # JupyterLab tells of the kernel's end too, sooner or later.

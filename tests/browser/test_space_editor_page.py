@@ -71,7 +71,7 @@ class Opened:
         return np.array(values).reshape(-1, width)
 
     def shows(self, pane: int, expected: np.ndarray, timeout: float = 30.0) -> bool:
-        """Whether the picture becomes this one, to a grey level of rounding."""
+        """Check whether the picture becomes this one within the timeout, to a grey level of rounding."""
         for _ in range(int(timeout / 0.05)):
             self.page.flush()
             seen = self.picture(pane)

@@ -126,13 +126,13 @@ class Opened:
         return ControlPoints.from_arrays([r["source"] for r in rows], [r["target"] for r in rows])
 
     def volume(self) -> NDArray[np.int64]:
-        """What is on the canvas of the volume, drawn in full now."""
+        """Canvas of the volume, drawn in full now."""
         data = self.js(f"""{{ const view = {VIEW}; view.loop.drawNow(2);
             return view.elements.canvas.toDataURL('image/png').split(',')[1]; }}""")
         return _decoded(data)
 
     def picture(self) -> NDArray[np.int64]:
-        """What is on the canvas of the editor."""
+        """Canvas of the editor."""
         return _decoded(self.js("document.querySelector('.dnb-ed-canvas').toDataURL('image/png').split(',')[1]"))
 
 
@@ -167,7 +167,7 @@ def open_page(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Opened]]:
 
 
 def silhouette(image: NDArray[Any]) -> NDArray[np.bool_]:
-    """What is brighter than the backgrounds of the dark view (41 at most) and of the still (29)."""
+    """Mask of the pixels brighter than the backgrounds of the dark view (41 at most) and of the still (29)."""
     return np.asarray(image.max(axis=2) > 64)
 
 
@@ -181,7 +181,7 @@ def middle(image: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def dragged(page: Opened) -> NDArray[np.float64]:
-    """How far the middle point has gone, to the right and down."""
+    """Displacement of the middle point, to the right and down."""
     points = page.points()
     return np.asarray(points.target[4] - points.source[4])
 
@@ -573,5 +573,5 @@ def test_the_page_that_a_studio_writes_shows_its_result_in_its_box(browser: Any,
 
 
 def middle_moved(before: NDArray[Any], after: NDArray[Any]) -> NDArray[np.float64]:
-    """How far what is bright has gone, in pixels to the right and down."""
+    """Displacement of the bright pixels, to the right and down."""
     return middle(after) - middle(before)

@@ -64,12 +64,12 @@ class StudioInLab:
         self.page.locator(".dnb-studio").scroll_into_view_if_needed()
 
     def read(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:
-        """What the kernel knows, once it is as wanted, or after a minute."""
+        """State of the kernel, once it is as wanted, or after a minute."""
         state: dict[str, Any] = read_report(self.page, reached)
         return state
 
     def at(self, a: float, b: float) -> tuple[float, float]:
-        """Where a place of the picture, in millimetres, is on the screen."""
+        """Place on the screen of a place of the picture in millimetres."""
         self.page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
         box = box_at_rest(self.page.locator(".dnb-ed-stage"))
         x, y, k = self.page.evaluate(
@@ -98,7 +98,7 @@ class StudioInLab:
         choose(self.page, title)
 
     def row(self) -> NDArray[np.bool_]:
-        """Where the ball is seen on the picture, along x through its middle: one value a voxel."""
+        """Mask of the ball on the picture, along x through its middle: one value a voxel."""
         image = self.pixels(".dnb-ed-stage")
         x, y, k = self.page.evaluate(
             f"() => [{EDITOR}.viewport.view.x, {EDITOR}.viewport.view.y, {EDITOR}.viewport.view.k]"
@@ -106,7 +106,7 @@ class StudioInLab:
         return np.array([image[int(y + k * 29.5), int(x + k * a)].min() > 190 for a in range(60)])
 
     def pixels(self, part: str) -> NDArray[np.uint8]:
-        """What is seen of an element now."""
+        """Screenshot of an element."""
         self.page.mouse.move(5, 5)
         wait_idle(self.host, self.page)
         png = self.page.locator(part).first.screenshot(animations="disabled", style=OVERLAYS)

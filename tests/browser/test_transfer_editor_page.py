@@ -72,7 +72,7 @@ class Drawn(LivePage):
         self.wait_settled()
 
     def per_pixel(self) -> float:
-        """How much of the values a pixel is."""
+        """Range of values of a pixel."""
         return self.js("(w.axes.ends[0][1] - w.axes.ends[0][0]) / w.axes.box.width")  # type: ignore[no-any-return]
 
     def chosen(self) -> list[str]:
@@ -86,7 +86,7 @@ class Drawn(LivePage):
         self.wait_settled()
 
     def colour(self, value: float) -> Any:
-        """What the strip shows at a value."""
+        """Colour of the strip at a value."""
         seen = np.asarray(Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")).astype(int)
         x, y = self.at(value, STRIP)
         return seen[round(y), round(x)]

@@ -233,7 +233,7 @@ def test_another_volume_is_deformed_with_a_note(
     assert captured.out == "out.nrrd\n"
     assert remarks(captured.err) == (
         "deformnb: note: This document was made on another volume ('tiny', 8 x 7 x 6 "
-        "voxels); its points may lie elsewhere.\n"
+        "voxels); its points may be at another place.\n"
     )
 
 

@@ -23,7 +23,7 @@ def shift(length: float) -> Deformation:
 
 
 def lies_on(grid: Grid, other: Grid) -> bool:
-    """Whether the voxels of one are voxels of the other's lattice."""
+    """Check that the voxels of one are voxels of the other's lattice."""
     at = other.point_to_index(grid.origin)
     return bool(np.allclose(at, np.round(at), atol=1e-9)) and grid.spacing == other.spacing
 

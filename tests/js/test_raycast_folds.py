@@ -1,4 +1,4 @@
-"""Whether the maps of a card fold is asked of the maps themselves, and told as the core's determinant does."""
+"""Folds in the ray caster are found from its maps, as by the determinant in Python."""
 
 from __future__ import annotations
 

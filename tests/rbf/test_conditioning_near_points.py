@@ -115,7 +115,7 @@ def test_so_are_two_of_two_thousand(kernel: str, dim: int, share: float, kind: s
 @pytest.mark.parametrize("share", [1e-2, 1e-3])
 @pytest.mark.parametrize("kernel", sorted(BUILT_IN))
 def test_between_them_it_is_the_system_in_fifty_digits(kernel: str, share: float) -> None:
-    """What a solve leaves at the points is enlarged elsewhere by up to a few gaps over the distance of the two."""
+    """The residual at the points is enlarged elsewhere by up to a few gaps over the distance of the two."""
     points = near_pair(14, 2, share, "noise")
     fit = fit_rbf(points, support=BOX / 2, **settings(kernel))
     at = np.array([[20.0, 30.0], [55.0, 80.0], [91.0, 12.0]])

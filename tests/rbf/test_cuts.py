@@ -72,7 +72,7 @@ def line_of(n: int = 100_000) -> NDArray[np.float64]:
 
 
 def width(opacity: NDArray[np.float64]) -> float:
-    """How much of that way is transparent."""
+    """Share of that path that is transparent."""
     return 100 * float(np.mean(1 - opacity))
 
 

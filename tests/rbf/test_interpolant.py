@@ -232,7 +232,7 @@ def test_jacobian_is_that_of_central_differences_also_at_the_points(kernel: str,
 
 
 def whole_span(x: np.ndarray, trend: str) -> Span:
-    """What points x that determine every linear map span."""
+    """Span of points x that determine every linear map."""
     dim = x.shape[1]
     bent = quadric_span(x - x.mean(axis=0), np.eye(dim)) if trend == "quadratic" else ()
     return Span(np.eye(dim), np.zeros((dim, dim)), *bent)

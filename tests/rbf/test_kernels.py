@@ -202,7 +202,7 @@ def test_metadata_for_menus(name: str) -> None:
 
 @pytest.fixture
 def _registry() -> Iterator[None]:
-    """What a test registers is gone after it."""
+    """Remove the kernels that a test registers."""
     yield
     for name in set(KERNELS) - BUILT_IN:
         del KERNELS[name]
@@ -328,5 +328,5 @@ def test_what_is_no_kernel_is_refused_with_the_reason(case: str) -> None:
 @pytest.mark.usefixtures("_registry")
 def test_a_trend_below_the_order_is_refused_for_a_kernel_of_ones_own_too() -> None:
     register_kernel(lambda rho: rho**2 * jnp.log(rho), name="plate", order=2)
-    with pytest.raises(DeformError, match="the plate kernel is not positive definite on its own and needs a trend of"):
+    with pytest.raises(DeformError, match="the plate kernel is not positive definite and needs a trend of"):
         fit_rbf(some_points(), kernel="plate", trend="rigid")

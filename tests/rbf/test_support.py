@@ -20,7 +20,7 @@ from deformnb.warping.points import Landmarks, warp_landmarks, warp_points
 
 
 def left_out_by_fits(points: ControlPoints, kernel: str, support: float, trend: str) -> np.ndarray:
-    """What each point's displacement misses by in the fit of all others: one fit for each."""
+    """Errors of each point's displacement in the fit of all others: one fit for each."""
     errors = []
     for k in points.ids:
         rest = fit_rbf(points.remove(k), kernel=kernel, support=support, trend=trend)
@@ -29,7 +29,7 @@ def left_out_by_fits(points: ControlPoints, kernel: str, support: float, trend: 
 
 
 def hang_together(x: np.ndarray, distance: float) -> bool:
-    """Whether steps up to a distance lead from the first place to all others."""
+    """Check whether steps up to a distance lead from the first place to all others."""
     near, found = np.linalg.norm(x[:, None] - x[None], axis=2) <= distance, {0}
     for _ in range(len(x)):
         found |= {int(j) for i in found for j in np.flatnonzero(near[i])}
@@ -37,7 +37,7 @@ def hang_together(x: np.ndarray, distance: float) -> bool:
 
 
 def ball_errors(points: ControlPoints, kernel: str, support: float, trend: str, reach: float) -> np.ndarray:
-    """What each point's displacement misses by in the fit of all points farther from it, where some are near."""
+    """Errors of each point's displacement in the fit of all points farther from it, where some are near."""
     errors = []
     for k in range(len(points)):
         near = np.linalg.norm(points.target - points.target[k], axis=1) <= reach

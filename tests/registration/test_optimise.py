@@ -251,7 +251,7 @@ def test_doubtful_places_are_left_and_named() -> None:
     one = ControlPoints.from_arrays([[40.0, 40.0], [80.0, 80.0]])
     keep = {"radius": 8.0, "search": 10.0}
     assert snap_to_match(one, [0], stripes, stripes, **keep).left == {0: "several places look like it"}
-    assert snap_to_match(one, [0], spot, gone, **keep).left == {0: "the best place lies at the rim of the search"}
+    assert snap_to_match(one, [0], spot, gone, **keep).left == {0: "the best place is at the rim of the search"}
     assert snap_to_match(one, [1], spot, gone, **keep).left == {1: "its surroundings are even"}
     assert snap_to_match(one, [0], spot, noise, **keep).left == {0: "nothing within 10 looks like it"}
     untouched = snap_to_match(one, None, spot, noise, **keep)

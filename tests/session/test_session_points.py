@@ -28,7 +28,7 @@ def test_a_held_outline_keeps_the_body_from_being_sheared_by_a_drag(method: str)
     middle = session.editing.points.source.mean(axis=0)
 
     def moved(points: ControlPoints) -> float:
-        """How far the outline moves when its middle is dragged, as a share of the drag."""
+        """Displacement of the outline when its middle is dragged, as a share of the drag."""
         way = 0.1 * np.ptp(session.editing.points.source, axis=0)
         session.editing.edit_points(points.add(middle, middle + way))
         (fit,) = session.editing.step.fits(session.volume.grid)

@@ -1,4 +1,4 @@
-"""How a volume is looked at is saved with a session, comes back with it, and is no edit."""
+"""The view state of a volume is saved and restored with a session, and is no edit."""
 
 from __future__ import annotations
 

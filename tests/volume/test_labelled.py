@@ -88,7 +88,7 @@ def test_what_is_no_volume_is_refused(array: object, said: str) -> None:
 
 
 class _InChunks:
-    """What dask, Zarr and h5py have in common."""
+    """An array with the interface that dask, Zarr and h5py have in common."""
 
     chunks, shape, dtype = (64, 64, 64), (2048, 2048, 1024), np.dtype(np.uint16)
 

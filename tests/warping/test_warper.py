@@ -111,7 +111,7 @@ def centres(grid: Grid) -> NDArray[np.float64]:
 
 
 def lookup(grid: Grid, field: AbstractField, output: Grid | None = None) -> NDArray[np.float64]:
-    """Where each voxel of the output is sampled in a volume, as an index (z, y, x)."""
+    """Place in a volume at which each voxel of the output is sampled, as an index (z, y, x)."""
     points = centres(output or grid)
     return grid.point_to_index(points + field.displacement(points))[..., ::-1]
 

@@ -1,4 +1,4 @@
-"""How much memory a warp takes on top of its input, result included."""
+"""Memory of a warp in addition to its input, result included."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a cut hides gives way to the background, in every voxel type."""
+"""Tissue that a cut hides is replaced by the background, in every voxel type."""
 
 from __future__ import annotations
 

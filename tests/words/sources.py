@@ -46,7 +46,7 @@ def wildcard(text: str) -> re.Pattern[str]:
 
 
 def reads_as_words(text: str) -> bool:
-    """Whether a text may be one that is read: a capital letter first, or two words."""
+    """Check whether a text may be one that is read: a capital letter first, or two words."""
     return _READS_AS_WORDS.search(text) is not None
 
 

@@ -101,7 +101,7 @@ def test_all_words_that_are_seen_are_in_the_table(code: str, package: Path, text
     keys, translator = list(table), Translator(table)
 
     def is_known(text: str) -> bool:
-        """Whether it is a key, or of parts that are keys; or becomes a key, with its values or within a longer text."""
+        """Check whether it is a key, consists of keys, or becomes one with its values or in a longer text."""
         whole, part, form = text.replace("{}", "5"), text.strip(_MARKS), wildcard(text)
         return (
             translator.knows(whole)
@@ -137,7 +137,7 @@ def test_no_key_is_left_over(code: str, package: Path, texts: dict[Path, set[str
     forms = [wildcard(text) for text in known if "{}" in text]
 
     def is_used(key: str) -> bool:
-        """Whether it is made of texts of the sources, or by one of them with its values."""
+        """Check whether it is made of texts of the sources, or by one of them with its values."""
         parts = [part for part in shape(key).casefold().split("{}") if part.strip(_MARKS)]
         return all(part.strip(_MARKS) in all_text for part in parts) or any(form.fullmatch(key) for form in forms)
 

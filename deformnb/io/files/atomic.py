@@ -37,8 +37,8 @@ from deformnb.io.files.paths import as_path
 
 
 def try_lock(descriptor: int) -> bool | None:
-    """Lock an open file, without waiting: True if it is ours now, False if it is another's, None if that cannot be
-    determined.
+    """Lock an open file, without waiting: True if this process has it now, False if another has it, None if that cannot
+    be determined.
 
     It ends when the last copy of the descriptor is closed, at the latest with the process.
     """

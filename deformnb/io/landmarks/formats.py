@@ -115,7 +115,7 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
     """
     place = regular_file(as_path(path))
     row = check_landmark_target(place)
-    with Damage(place, "leave out what is no landmark"):
+    with Damage(place, "leave out other lines than landmarks"):
         if place.stat().st_size > _LONGEST:
             raise fail(place, "it is far too large for a file of landmarks.")
         text, notes = decode_text(place, place.read_bytes())

@@ -1,7 +1,7 @@
 """Landmarks as JSON: the markups of 3D Slicer, and the landmarks of BigWarp.
 
-Slicer states the axes (LPS or RAS) and the unit. BigWarp's landmarks stand alone, in a transform or in a project; a
-place that is not set yet is infinite. Source: Slicer's markups schema 1.0.3; the table of landmarks of BigWarp 9.
+Slicer states the axes (LPS or RAS) and the unit. BigWarp's landmarks are a file, or a part of a transform or a project;
+a place that is not set yet is infinite. Source: Slicer's markups schema 1.0.3; the table of landmarks of BigWarp 9.
 """
 
 from __future__ import annotations

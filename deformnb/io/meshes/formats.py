@@ -124,7 +124,7 @@ def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
 
 
 def write_mesh(mesh: MeshLike, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
-    """Write a surface; the suffix chooses the format. The file is complete at once or untouched.
+    """Write a surface; the suffix chooses the format. It is written atomically.
 
     PLY, OBJ and VTP store all digits of the corners; STL rounds them to seven and writes each corner with each face.
     None of them states a unit: where that of the mesh is known its lengths are written in millimetres.

@@ -216,7 +216,7 @@ def describe_transform(path: str | os.PathLike[str]) -> dict[str, str]:
     rows = {
         "file": printable(place.name),
         "kind": row.description,
-        "maps": stated or "backward, as transforms for resampling do; the file does not say it",
+        "maps": stated or "backward, as transforms for resampling do; the file does not state it",
     }
     for number, part in enumerate(field.steps, 1):
         rows[f"part {number}"] = _describe_part(part)

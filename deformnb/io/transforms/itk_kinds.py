@@ -1,6 +1,6 @@
 """ITK's transforms by the name of their class: the map that their parameters mean.
 
-Each class of ITK's linear transforms is a matrix M, a translation t and a centre c of its own parameters, and maps
+Each class of ITK's linear transforms is a matrix M, a translation t and a centre c from its parameters, and maps
 
     x -> M (x - c) + c + t.
 

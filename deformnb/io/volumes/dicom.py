@@ -422,7 +422,7 @@ def _unique(path: Path, slices: list[_Slice]) -> tuple[list[_Slice], tuple[str, 
         elif not one.uid or one.uid != kept[-1].uid:
             raise fail(
                 path,
-                f"{_label(kept[-1])} and {_label(one)} lie at the same place ({_place(one)}): several "
+                f"{_label(kept[-1])} and {_label(one)} are at the same place ({_place(one)}): several "
                 "times, echoes or reconstructions are mixed. Keep one of them.",
             )
     dropped = len(slices) - len(kept)
@@ -473,7 +473,7 @@ def _remarks(slices: list[_Slice]) -> tuple[str, ...]:
     notes: tuple[str, ...] = ()
     first = slices[0]
     if any(one.inverted for one in slices):
-        notes += ("the file shows small values as white; the values are kept as they are",)
+        notes += ("the file shows small values as white; the values are unchanged",)
     if any(one.place.is_assumed for one in slices):
         notes += (
             f"its {len(slices)} frames state no places: they were taken as slices {first.place.thickness:g} apart",
@@ -528,7 +528,7 @@ def _step(slices: list[_Slice]) -> tuple[float, NDArray[np.float64], str]:
             step,
             depths,
             (
-                f"its slices lie on no straight line: {_label(slices[int(aside.argmax())])} is {aside.max():g} beside "
+                f"its slices are on no straight line: {_label(slices[int(aside.argmax())])} is {aside.max():g} off "
                 "that of the first and the last."
             ),
         )

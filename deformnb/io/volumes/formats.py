@@ -336,7 +336,7 @@ def read_volume(
 def write_volume(
     volume: VolumeLike, path: str | os.PathLike[str], *, overwrite: bool = True, progress: Progress | None = None
 ) -> None:
-    """Write a volume; the suffix chooses the format. The file is complete at once or untouched.
+    """Write a volume; the suffix chooses the format. It is written atomically.
 
     Parameters
     ----------

@@ -235,7 +235,7 @@ def volume_shape(path: Path, sizes: list[int], itemsize: int) -> tuple[tuple[int
         raise fail(
             path,
             f"a volume has three axes but this file has {len(real)} ({axes}). Save one time point or one "
-            "channel as a file of its own and read that.",
+            "channel as a separate file and read that.",
         )
     notes = ("a 2-D image was taken as a volume of one slice",) if len(sizes) < 3 else ()
     nx, ny, nz = (*real, 1, 1)[:3]

@@ -74,7 +74,7 @@ def is_label_table(name: str) -> bool:
 
 
 def read_label_table(path: str | Path) -> dict[int, str]:
-    r"""Names by label of a table, such as :func:`read_label_names` looks for; empty for another file.
+    r"""Names by label of a table, such as :func:`read_label_names` searches for; empty for another file.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def write_segmentation(
     ----------
     volume : the labels, such as deformed ones.
     path : ends in .nrrd (.seg.nrrd, for 3D Slicer to take it for a segmentation).
-    like : the segmentation whose segments these are; the box of each is found anew.
+    like : the segmentation whose segments these are; the box of each is computed again.
     overwrite : whether an existing file may be replaced.
     progress : receives the share done, 0 to 1; may raise Cancelled.
 

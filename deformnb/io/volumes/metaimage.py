@@ -74,7 +74,7 @@ _NAMES = {
 }
 
 # MetaImage has no field for voxels that are names of regions, nor for a checksum; a comment, which every reader
-# keeps or ignores, can.
+# preserves or ignores, can.
 _LABELS = "deformnb labels"
 _CHANNELS = "deformnb channels "
 

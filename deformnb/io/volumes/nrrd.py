@@ -261,7 +261,7 @@ def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> tuple[list[
         raise fail(
             path,
             f"a volume has three axes in space but this file has ({axes}). Save one channel or one time "
-            "point as a file of its own and read that.",
+            "point as a separate file and read that.",
         )
     parts = sizes[0] if 0 in real else 1
     colours = {"rgb-color": 3, "3-color": 3, "rgba-color": 4, "4-color": 4}.get(kinds[0]) if parts > 1 else None
@@ -446,7 +446,7 @@ def write_segmentation(
 ) -> None:
     """Write labels with the keys of a segmentation of 3D Slicer (:func:`segment_keys`).
 
-    The box of each segment, which Slicer stores with its number, is computed anew.
+    The box of each segment, which Slicer stores with its number, is computed again.
     """
     known = {
         found[1]: int(value)

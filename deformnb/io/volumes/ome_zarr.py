@@ -5,7 +5,7 @@ are a document of JSON, which is written and checked here: a job may write its l
 know all sizes before it takes memory.
 
 The format places axes by scale and translation only and knows no directions. Those of a grid whose axes are oblique are
-stored in attributes named "deformnb"; other programs then see the volume along its own axes.
+stored in attributes named "deformnb"; other programs then see the volume along its axes.
 """
 
 from __future__ import annotations

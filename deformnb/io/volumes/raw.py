@@ -145,7 +145,7 @@ def _verify(path: Path, fields: dict[str, Any], blocks: VoxelBlocks) -> VoxelBlo
         lambda crc: fail(
             path,
             f"its voxels are not those that {printable(_side_path(path).name)} describes (CRC {crc}, "
-            f"expected {printable(fields['crc32'])}). Write both anew, or remove the line crc32.",
+            f"expected {printable(fields['crc32'])}). Write both again, or remove the line crc32.",
         ),
     )
 

@@ -214,7 +214,7 @@ def write_series(
     overwrite: bool = True,
     progress: Progress | None = None,
 ) -> None:
-    """Write moments to one file, each as it comes; the file is complete at once or untouched.
+    """Write moments to one file, each as it comes; the file is written atomically.
 
     Parameters
     ----------

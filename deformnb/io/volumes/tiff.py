@@ -136,7 +136,7 @@ def _header(path: Path, pages: Callable[[], _Pages], found: _Described) -> Heade
     if previews:
         notes += (f"{previews} pages that are smaller copies or masks of others were left out",)
     if first.codec.photometric == 0:
-        notes += ("the file shows small values as white; the values are kept as they are",)
+        notes += ("the file shows small values as white; the values are unchanged",)
     if first.codec.photometric == 3:
         notes += ("the file has a colour table; the voxels are its indices",)
     blocks: VoxelBlocks = lambda: _blocks(path, pages(), first, count)  # noqa: E731
@@ -198,7 +198,9 @@ def _layout(path: Path, found: _Described, page: Page, count: int) -> tuple[Layo
             f"{count} pages cannot be divided; it is damaged, or one part of a set of files.",
         )
     if samples > 1 and layout.frames > 1 and found.order.index("T") < found.order.index("Z"):
-        raise fail(path, "its moments lie between its slices, which is not supported in colours; save one moment.")
+        raise fail(
+            path, "its moments are stored between its slices, which is not supported in colours; save one moment."
+        )
     return layout, slices
 
 
@@ -353,8 +355,8 @@ def _unused_resolution(path: Path, tags: Tags) -> tuple[str, ...]:
     if unit is None or across is None or down is None:
         return ()
     note = (
-        f"the resolution in the file, {1 / across:.6g} x {1 / down:.6g} pixels per {unit}, is not used: it says "
-        "nothing of the distance of slices"
+        f"the resolution in the file, {1 / across:.6g} x {1 / down:.6g} pixels per {unit}, is not used: it does "
+        "not state the distance of slices"
     )
     return (note,)
 
@@ -441,7 +443,7 @@ def _ome_lengths(pixels: dict[str, str]) -> tuple[Float3 | None, str, tuple[str,
 
 
 def _usable_lengths(stated: dict[str, str | None]) -> tuple[Float3, tuple[str, ...]]:
-    """Lengths along x, y and z of what a file states; with notes for each that is turned, or made up."""
+    """Lengths along x, y and z from those that a file states; with notes for each that is turned, or made up."""
     lengths, notes = [], []
     for axis, text in stated.items():
         number = _number(text or "")
@@ -503,7 +505,7 @@ def _pages_axes(path: Path, sizes: list[int], names: str) -> tuple[list[tuple[st
     """Axes of the pages, the slowest first: slices, channels or moments."""
     real = [(names[k : k + 1], size) for k, size in enumerate(sizes) if size > 1]
     if len(real) > 3:
-        raise fail(path, f"its pages lie along {len(real)} axes ({sizes}); a volume has slices, channels and moments.")
+        raise fail(path, f"its pages have {len(real)} axes ({sizes}); a volume has slices, channels and moments.")
     free = [axis for axis in "ZTC" if axis not in [name for name, _ in real]]
     found, guessed = [], False
     for name, size in reversed(real):

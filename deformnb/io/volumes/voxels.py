@@ -230,7 +230,7 @@ def check_blocks(
             source.path,
             f"its voxels are not those that the header {printable(header.name)} was written for (CRC {crc:08x}, "
             f"expected {crc32:08x}): one of the two was changed or copied without the other. Take both from "
-            f"one copy, or remove 'deformnb data crc32 {crc32:08x}' from the header to read it all the same.",
+            f"one copy, or remove 'deformnb data crc32 {crc32:08x}' from the header to read it regardless.",
         ),
     )
 

@@ -50,7 +50,7 @@ def read_header(path: Path) -> Header:
     if np.isfinite(axes).all():
         geometry["origin"] = triple((np.asarray(geometry["origin"]) + axes @ corner).tolist())
     if cells:
-        notes += ("the values belong to cells: voxels lie at the cells' centres",)
+        notes += ("the values belong to cells: voxels are at the cells' centres",)
     voxels = file.locate_array(array, math.prod(shape))
     labels = True if array.attributes.get("Name") == _LABELS else None
     return Header(

@@ -130,9 +130,9 @@ class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
         if not isinstance(value, ControlPoints):
             raise DeformError(f"the points of an editor must be ControlPoints, got {type(value).__name__}.")
         if value.dim != self._dim and self._dim == 2:
-            raise DeformError("an editor shows points on a picture, with two coordinates; these lie in space.")
+            raise DeformError("an editor shows points on a picture, with two coordinates; these are in space.")
         if value.dim != self._dim:
-            raise DeformError("an editor in space needs points with three coordinates; these lie on a picture.")
+            raise DeformError("an editor in space needs points with three coordinates; these are on a picture.")
         return value
 
 
@@ -220,7 +220,7 @@ class EditedPoints(SyncedWidget):
         Parameters
         ----------
         callback : functions are called in the order of registration.
-        remove : True takes the callback away again.
+        remove : True unregisters the callback.
         details : True calls ``callback(edit)`` instead, with an
             :class:`~deformnb.widgets.messages.editors.PointsEdit`: ``points``, ``phase``, the ``kind`` of edit and
             whether it continues the edit before it (``joins``).
@@ -254,7 +254,7 @@ class EditedPoints(SyncedWidget):
             _LOG.exception("a callback of an editor failed")
             self.post(EditRefused(message=f"{type(error).__name__} in a callback: {error}"))
         finally:
-            self._note(message)  # whatever came of it: a front end that waits for it takes no other points
+            self._note(message)  # also after a refusal: a front end that waits for it takes no other points
             self.post(EditDone(sender=message.sender, seq=message.seq))
 
     def _refuse(self, refused: Refused) -> None:
@@ -321,7 +321,7 @@ class EditedPoints(SyncedWidget):
 
     @traitlets.observe("points", "settings")
     def _choose_support(self, change: Any) -> None:
-        """Find the support anew when points are added, removed or switched, and for other settings: never in a drag."""
+        """Choose the support again when points are added, removed or switched, and for other settings."""
         old, new, current = change["old"], change["new"], None
         if change["name"] == "points":
             chosen = self.settings.chosen_support

@@ -200,10 +200,10 @@ class Editor(EditedPoints):
     on one side of the line a = at (or b = at; None is the middle of the picture) are done on the other side too.
     ``snap`` is the step of a grid to which dragged targets snap, 0 for none; ``stop_at_folds`` holds them back before
     the map folds; ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
-    ``ghost`` is another picture (PNG) that fills the box of this one, laid over it with ``ghost_opacity``.
-    ``selected`` holds the ids of the selected points. ``history`` is {} where the front end has an undo of its
-    own. A history in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
-    "" for nothing; :meth:`on_history` then receives what the front end requests. ``waiting`` is "" or names the
+    ``ghost`` is another picture (PNG) that fills the box of this one, drawn over it with ``ghost_opacity``.
+    ``selected`` holds the ids of the selected points. ``history`` is {} where the front end has its own
+    undo. A history in Python sets it to ``{"undo": "move nose", "redo": ""}``: the edits that would be undone and
+    redone, "" for none; :meth:`on_history` then receives what the front end requests. ``waiting`` is "" or names the
     work in progress, such as another picture: while not empty, the front end dims the picture, shows that text and
     takes no edit and no undo; a drag in progress ends. An edit sent just before may still come. ``uid`` names the
     editor in its front end, where other widgets find its live points without the kernel (see js/sync/bus.js).
@@ -255,7 +255,7 @@ class Editor(EditedPoints):
     uncertainty = traitlets.Bytes(b"", help="uncertainty of the map as bytes, 255 where it is largest").tag(sync=True)
     uncertainty_facts = traitlets.Dict(help="size of that raster, and texts for some of its bytes").tag(sync=True)
     marked = traitlets.List(traitlets.Int(), help="points that disagree with their neighbours").tag(sync=True)
-    ghost = traitlets.Bytes(b"", help="another picture as PNG, laid over this one").tag(sync=True)
+    ghost = traitlets.Bytes(b"", help="another picture as PNG, drawn over this one").tag(sync=True)
     ghost_opacity = traitlets.Float(0.0, min=0.0, max=1.0).tag(sync=True)
     raster = traitlets.Dict().tag(sync=True)
     air = traitlets.Float(None, allow_none=True, help="value of the picture up to which nothing is seen").tag(sync=True)
@@ -387,7 +387,7 @@ class Editor(EditedPoints):
     def on_wand(self, callback: Callable[[WandRequest], None]) -> None:
         """Call ``callback(message)`` when the wand is used in the front end.
 
-        Whoever answers sets the trait ``wand``: ``{"region": the region as documents hold it, or None, "words": text,
+        The callback sets the trait ``wand``: ``{"region": the region as documents hold it, or None, "words": text,
         "share": of the work that is done}``. While it is {} the front end has no wand.
         """
         self._wand_callbacks.append(callback)

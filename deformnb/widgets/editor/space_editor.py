@@ -255,7 +255,7 @@ class SpaceEditor(EditedPoints):
 
     @property
     def options(self) -> dict[str, Any]:
-        """Further fields of the step, such as its rigid ``parts``; set anew to change them."""
+        """Further fields of the step, such as its rigid ``parts``; set it again to change them."""
         return dict(self._options)
 
     @options.setter

@@ -105,7 +105,7 @@ class DrawingPair(Boxes):
         self._arrange()
 
     def map(self, scale: str = "inside") -> ThompsonMap:
-        """The pair laid on the first picture, where its grid is.
+        """The pair in the coordinates of the first picture, at its grid.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class DrawingPair(Boxes):
         super().close()
 
     def _arrange(self) -> None:
-        words = basic.HTML("<b>2. What it shall become</b>")
+        words = basic.HTML("<b>2. The target</b>")
         self._place.children = (words, self.upload, *([] if self.second is None else [self.second]))
 
     def _change_lines(self) -> None:

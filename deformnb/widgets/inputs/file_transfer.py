@@ -20,7 +20,7 @@ class FileTransfer(SyncedWidget):
     --------
     >>> FileTransfer().download("big.bin", bytes(LARGEST_DOWNLOAD + 1))
     Traceback (most recent call last):
-    deformnb.errors.DeformError: big.bin has 134 MB, more than the 134 MB a browser takes at once; it is in the folder.
+    deformnb.errors.DeformError: big.bin has 134 MB, more than the 134 MB of a browser's download; it is in the folder.
     """
 
     _esm = bundle("file_transfer.js")
@@ -45,7 +45,7 @@ class FileTransfer(SyncedWidget):
         if len(content) > LARGEST_DOWNLOAD:
             raise DeformError(
                 f"{name} has {len(content) / 1e6:.0f} MB, more than the {LARGEST_DOWNLOAD / 1e6:.0f} MB "
-                "a browser takes at once; it is in the folder."
+                "of a browser's download; it is in the folder."
             )
         self.post(Download(name=name), [content])
 

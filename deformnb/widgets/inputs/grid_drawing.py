@@ -152,7 +152,7 @@ class GridDrawing(AbstractEdited):
 
     def __repr__(self) -> str:
         rows, columns = self.nodes.shape[:2]
-        return f"GridDrawing({rows} rows of {columns} nodes, {len(self._placed)} placed by hand)"
+        return f"GridDrawing({rows} rows of {columns} nodes, {len(self._placed)} placed manually)"
 
 
 def _png(picture: Picture) -> bytes:

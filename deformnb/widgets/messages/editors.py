@@ -162,7 +162,7 @@ class DrawShape(Message, frozen=True, kw_only=True, tag="draw"):
 
 
 class ProposedParts(Message, frozen=True, kw_only=True, tag="parts"):
-    """Other rigid parts that control points contradict: ask what to do with those."""
+    """Other rigid parts that control points contradict: the user decides what to do with those."""
 
     parts: Annotated[list[dict[str, Any]], Meta(description="all parts", extra={"typescript": "PartData[]"})]
     kind: Annotated[str, Meta(description="name of the edit")]

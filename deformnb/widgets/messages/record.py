@@ -110,7 +110,7 @@ class Refused:
 
 
 OBJECTS: dict[type, tuple[Any, Callable[[Any], Any]]] = {}
-"""Stand-ins of classes that records hold: the type of each as plain data, and what makes an object of that."""
+"""Stand-ins of classes that records hold: the type of each as plain data, and a function that makes the object."""
 
 
 def stand_in(kind: type, plain: Any, make: Callable[[Any], Any]) -> type:

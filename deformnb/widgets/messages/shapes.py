@@ -193,7 +193,7 @@ def _read(what: str, k: int, data: Any) -> Any:
     _check_mask(data, f"{what}[{k}]")
     made = _SORTS[what][2](data, f"{what}[{k}]")
     if made.region.dim != 2:
-        raise DeformError(f"{what}[{k}] lies in space; on a picture take the silhouette(plane) of its mask.")
+        raise DeformError(f"{what}[{k}] is in space; on a picture take the silhouette(plane) of its mask.")
     if what == "parts" and made.region.kind == "line":
         raise DeformError(f"{what}[{k}] is a line, which has no inside to stay rigid; use a polygon or a half space.")
     if len(made.name) > LONGEST_NAME:

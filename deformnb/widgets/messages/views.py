@@ -110,7 +110,7 @@ class Closed(Message, frozen=True, kw_only=True, tag="bye"):
 class FrameSent(Message, frozen=True, kw_only=True, tag="frame"):
     """A picture."""
 
-    binary: ClassVar[Buffers] = Buffers("JPEG, or two that are shown in turn", None)
+    binary: ClassVar[Buffers] = Buffers("JPEG, or two that alternate", None)
 
     seq: Annotated[int, Meta(description="number")]
     full: Annotated[bool, Meta(description="whether in full resolution")]

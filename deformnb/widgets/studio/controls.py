@@ -38,7 +38,7 @@ Guard = Callable[[Callable[[], None]], bool]
 """Runs an edit and shows its error; returns whether it was done."""
 
 STEP_COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#f0e442")
-"""Of the marks of steps, in the list and over the picture: Okabe and Ito's, in turn."""
+"""Of the marks of steps, in the list and over the picture: Okabe and Ito's, repeated."""
 
 _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "100px"}
@@ -272,7 +272,7 @@ class Panel:
         """Called when the panel is shown, and when it is hidden."""
 
     def close(self) -> None:
-        """Stop what the panel does by itself."""
+        """Stop the threads and observers of the panel."""
 
 
 _AnyPanel = TypeVar("_AnyPanel", bound=Panel)
@@ -356,7 +356,7 @@ class PicturePanel(Panel):
             lambda value: session.pictures.set_trait("method", value),
         )
         self._depth = self.add(
-            slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume", ".1f"),
+            slider("Slice", -1.0, 1.0, 0.01, "Depth of the slice, from the middle of the volume", ".1f"),
             self._clipped_depth,
             lambda value: session.pictures.set_trait("depth", value),
         )
@@ -699,7 +699,7 @@ class Question:
         action: Callable[[], None],
         others: Mapping[str, Callable[[], None]] | None = None,
     ) -> None:
-        """Ask, and do this if the answer is yes; an earlier question is dropped.
+        """Show a question, and do this if the answer is yes; an earlier question is dropped.
 
         Parameters
         ----------

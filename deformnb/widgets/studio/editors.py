@@ -211,7 +211,7 @@ class StudioEditors:
 
 
 _MAKING = "The picture is being made"
-_FAILED = "The picture could not be made; below it says why"
+_FAILED = "The picture could not be made; the reason is below"
 _STANDS = 1e-6  # of a direction's length: less is a rounding error of the front end
 
 

@@ -126,7 +126,7 @@ def _earlier_row(k: int, entry: SavedSession) -> dict[str, Any]:
         "indent": 0,
         "time": entry.edited.timestamp(),
         "mark": "\u25cb",
-        "tip": f"{words}: go on with it; can be undone",
+        "tip": f"{words}: continue with it; can be undone",
     }
 
 
@@ -170,8 +170,8 @@ def history_row(node: HistoryNode, depth: int, is_done: bool) -> dict[str, Any]:
     """Row of a list for a step of the history."""
     words = node.label or "the beginning"
     if node.parent is None and node.label:
-        words = f"{node.label} (what was before is no longer kept)"
-    where = "this is what is shown" if node.is_current else "go back to it" if is_done else "undone; go there again"
+        words = f"{node.label} (earlier states are no longer stored)"
+    where = "the current state" if node.is_current else "go back to it" if is_done else "undone; go there again"
     return {
         "title": words,
         "id": node.id,

@@ -214,8 +214,8 @@ _NAME_STYLE = (
 
 _WHY = {
     "Folds": "det J is the Jacobian determinant of the backward map: 1 keeps areas, below 1 they grow, at 0 or less "
-    f"the map folds. {LEAST:g} counts as fold-free. Folds where only air is seen are told apart.",
-    "Round trip": "Distance between a point and its image under the inverse map and then the map. What is lost "
+    f"the map folds. {LEAST:g} counts as fold-free. Folds in air are counted separately.",
+    "Round trip": "Distance between a point and its image under the inverse map and then the map. A lost point "
     "has no place in the result: it is hidden in a fold or behind a cut.",
     "Residual": "How far points miss their sources: more than 0 only with smoothing.",
     "Leave-one-out": "How far the other points miss a point that is left out, and which one most.",
@@ -303,7 +303,7 @@ def uncertainty_overlay(step: Step, key: int, grid: Grid, raster: Raster) -> Unc
 
 
 class UncertaintyCache:
-    """The uncertainty overlay of the picture of a session, made anew only where something else is requested."""
+    """The uncertainty overlay of the picture of a session, made again only for another request."""
 
     def __init__(self) -> None:
         self._kept: tuple[tuple[Any, ...], UncertaintyOverlay, str] | None = None
@@ -454,7 +454,7 @@ class FoldActions:
         self._report(describe_choice(chosen, session.editing.grid))
 
     def keep_chosen(self) -> bool:
-        """Choose the fit anew where the points are others than before, as part of the edit; whether that was done."""
+        """Choose the fit again where the points have changed, as part of the edit; returns whether it did."""
         session = self._session
         deformation, index, step = session.editing.deformation, session.editing.index, session.editing.step
         if self._chosen_for == step.maps:

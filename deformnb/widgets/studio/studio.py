@@ -80,7 +80,7 @@ def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: i
     if isinstance(kind, AbstractView):
         if not (isinstance(kind, ipw.DOMWidget) and kind.has_trait("camera")):
             raise DeformError(
-                f"a studio cannot show a {type(kind).__name__}; a view of your own must be a widget with "
+                f"a studio cannot show a {type(kind).__name__}; a custom view must be a widget with "
                 "a trait named camera, deformnb.widgets.view.base.CameraTrait()."
             )
         transfer_ownership(kind)
@@ -116,8 +116,7 @@ def volume_for(given: Any, volume: Volume, name: str) -> Volume | None:
         return found
     if found.shape != volume.shape:
         raise DeformError(
-            f"{name} of shape {found.shape} do not lie on a volume of {volume.shape}; give a Volume "
-            "with a grid of its own."
+            f"{name} of shape {found.shape} do not fit a volume of {volume.shape}; give a Volume with its own grid."
         )
     notes = tuple(note for note in found.notes if note != NO_PLACE)
     return Volume(found.values, volume.grid, name, found.is_labels, notes)
@@ -245,7 +244,7 @@ class Studio(Boxes):
     method : projection of the picture, a name of :data:`~deformnb.imaging.projection.PROJECTIONS`.
     transfer : colours and opacities of the volume: a transfer function, or the name of a preset. Both are by default as
         the deformation was saved, or else "mip" and "specimen".
-    view : "live" renders in the browser, "vtk" in Python; or a view of your own.
+    view : "live" renders in the browser, "vtk" in Python; or a custom view.
     height : of the panes and the panel together, in CSS pixels.
     folder : where files are saved and opened by the controls.
     labels : numbered parts of the volume, such as bones: a volume, an array as large as the volume, or a file. Their
@@ -473,7 +472,7 @@ class Studio(Boxes):
         self.session.save(path, overwrite=overwrite)
 
     def load(self, path: str | PathLike[str], *, allow_other_volume: bool = False) -> None:
-        """Go on with a saved document; can be undone."""
+        """Open a saved document; can be undone."""
         self.session.open(path, allow_other_volume=allow_other_volume)
 
     def open_volume(
@@ -519,7 +518,7 @@ class Studio(Boxes):
         self._open_session(session)
 
     def _decide_labels(self, is_labels: bool) -> None:
-        """Go on with the voxels as labels, with all edits; or with them as amounts, which they are so far."""
+        """Continue with the voxels as labels, with all edits; or with them as amounts, as before."""
         session = self.session
         if is_labels:
             self._open_session(
@@ -531,7 +530,7 @@ class Studio(Boxes):
                 )
             )
         self.session.editing.notice = (
-            "The voxels are labels: each keeps its number."
+            "The voxels are labels: numbers are preserved."
             if is_labels
             else "The voxels are amounts: values between them are blended."
         )

@@ -73,8 +73,8 @@ class StudioLink:
 
         Parameters
         ----------
-        step : a preview that is no edit yet, such as a curve that is being dragged. None gives it up: what the
-            session holds is shown again.
+        step : a preview that is no edit yet, such as a curve that is being dragged. None cancels it: the
+            state of the session is shown again.
         """
         if step is None:
             if self._has_previewed:
@@ -85,7 +85,7 @@ class StudioLink:
         self._latest(lambda: document.with_step(index, step).field(session.editing.grid))
 
     def turn(self) -> None:
-        """Look at the volume from the side of the picture, turned a little so that it looks solid."""
+        """Set the camera to the side of the picture, rotated a little for depth."""
         u, v, n = self._session.editing.plane.frame
         self._view.set_camera(n + 0.35 * u + 0.2 * v, -v)
 

@@ -132,7 +132,7 @@ def select_region(session: Session, request: WandRequest, progress: Progress | N
     at = np.round((np.asarray(request.place) - raster.origin) / raster.spacing).astype(int)
     column, line = int(at[0]), int(at[1])
     if not (0 <= line < raster.shape[0] and 0 <= column < raster.shape[1]):
-        raise DeformError("This is beside the picture: click on what is seen.")
+        raise DeformError("This is outside the picture: click on the subject.")
     value, seed = float(picture.values[line, column]), (0, line, column)
     values: NDArray[Any] = picture.values[None]
     if request.through:
@@ -142,7 +142,7 @@ def select_region(session: Session, request: WandRequest, progress: Progress | N
     low = -np.inf if request.rule == "darker" else value - request.tolerance
     high = np.inf if request.rule == "brighter" else value + request.tolerance
     if not np.isfinite(value):
-        raise DeformError("There is no value here: click on what is seen.")
+        raise DeformError("There is no value here: click on the subject.")
     mask = connected_threshold(values, seed, low, high, progress)
     flat = (
         Mask(mask[0], raster)
@@ -169,7 +169,7 @@ def _voxel(session: Session, picture: Picture, place: tuple[float, float], value
     index = np.round(volume.grid.point_to_index(points)).astype(int)[:, ::-1]
     index = index[((index >= 0) & (index < volume.shape)).all(axis=1)]
     if not len(index):
-        raise DeformError("There is no voxel here: click on what is seen.")
+        raise DeformError("There is no voxel here: click on the subject.")
     found = index[np.argmin(np.abs(volume.values[tuple(index.T)].astype(np.float64) - value))]
     return int(found[0]), int(found[1]), int(found[2])
 

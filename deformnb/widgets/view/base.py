@@ -1,6 +1,6 @@
-"""Base of all views of a volume, through which one can take another's place.
+"""Base of all views of a volume, which makes them interchangeable.
 
-Views that follow an editor get its deformation while its points move: one map is fitted anew, by the core.
+Views that follow an editor get its deformation while its points move: one map is fitted again in Python.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ class AbstractView(ABC):
 
         Notes
         -----
-        May be called after every edit: a point being dragged stays at the pointer. Unless a view has a means of
-        its own, the core fits the map anew and :meth:`show_deformation` shows it.
+        May be called after every edit: a point being dragged stays at the pointer. Unless a view has its own
+        means, Python fits the map again and :meth:`show_deformation` shows it.
         """
         following, self._followed_output = self._following, output
         if following is not None and following.continues_map(editor, index):
@@ -115,7 +115,7 @@ class AbstractView(ABC):
         *,
         perspective: bool | None = None,
     ) -> None:
-        """Look from another side.
+        """Set the camera.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class AbstractView(ABC):
     def set_clip(
         self, x: Sequence[float] | None = None, y: Sequence[float] | None = None, z: Sequence[float] | None = None
     ) -> None:
-        """Cut away the tissue outside of a part of the box: in space, whatever the deformation brings there.
+        """Clip the tissue outside a part of the box: in space, after the deformation.
 
         Parameters
         ----------

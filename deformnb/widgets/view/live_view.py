@@ -320,7 +320,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
         Notes
         -----
-        All frames are sent once; then nothing is, however often they are played. Whatever else is shown ends it. An
+        All frames are sent once; then nothing is, however often they are played. Showing anything else ends it. An
         editor that the view follows is followed on: a drag is seen immediately, also during a moment.
         """
         self.fields.hold(ShownField(output=output, moments=maps))

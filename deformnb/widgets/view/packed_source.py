@@ -81,7 +81,7 @@ class PackedSource:
         Parameters
         ----------
         window : values that are resolved; None for those that the colours need.
-        all_values : resolve all values whatever the colours, as a maximum projection shows them.
+        all_values : resolve all values independent of the colours, as a maximum projection shows them.
         """
         function = as_transfer(self.wanted_transfer, volume)
         values = whole_window(volume)

@@ -254,7 +254,7 @@ class CoreScene:
         self.set_transfer(self._wanted_transfer)
 
     def set_field(self, field: Deformation | AbstractField | None, output: Grid | None = None) -> None:
-        """Deform what is shown."""
+        """Set the field that deforms the volume."""
         wanted = field.field(output or self._volume.grid) if isinstance(field, Deformation) else field
         if wanted is not None and wanted.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
@@ -275,7 +275,7 @@ class CoreScene:
         self._background = background
 
     def set_camera(self, camera: dict[str, Any]) -> None:
-        """Look from another side."""
+        """Set the camera."""
         self._camera = checked_camera(camera)
 
     def set_shows(self, shows: str) -> None:
@@ -383,7 +383,7 @@ class StillAsSeen:
         self.scene = display_scene(*self._arguments, "core" if volume.grid.size <= _MOST_BY_CORE else "auto")
 
     def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
-        """Deform what is shown."""
+        """Set the field that deforms the volume."""
         self.scene.set_field(field, output)
         if isinstance(self.scene, CoreScene) and self.scene.folding.remark and gl_status()[0]:
             self.scene = display_scene(*self._arguments)
@@ -394,5 +394,5 @@ class StillAsSeen:
         return self.scene.render(bands=bands, progress=progress)
 
     def close(self) -> None:
-        """Release what is held."""
+        """Release the scene."""
         self.scene.close()

@@ -140,7 +140,7 @@ class Pacer:
 
     Parameters
     ----------
-    send : called with a number that the front end confirms. It looks up the newest picture itself. Calls never overlap.
+    send : called with a number that the front end confirms. It takes the newest picture itself. Calls never overlap.
     patience : seconds after which a state is sent though none has been confirmed: a kernel that runs a cell receives
         nothing from a view, and a hidden view draws nothing.
     """

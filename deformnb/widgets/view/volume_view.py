@@ -159,7 +159,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     -----
     The window of VTK is made when a front end or a still requests a picture, and given back when the last front end has
     gone, or some time after the last still. A cell of a notebook that runs again closes the views of its earlier runs.
-    :meth:`call` reaches the ``pyvista.Plotter`` itself: whatever VTK can draw may be added to the scene.
+    :meth:`call` reaches the ``pyvista.Plotter`` itself: anything that VTK draws can be added to the scene.
 
     Where VTK cannot draw off screen, the package draws the pictures itself, which the front end reports.
 
@@ -297,7 +297,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         Raises
         ------
         DeformError
-            Where VTK cannot draw, and whatever ``function`` raises.
+            Where VTK cannot draw; ``function`` may raise others.
         """
         self._has_guests = True  # from now on the scene stays, also while no front end shows it
         result = self.scene.do(lambda scene: function(scene.plotter))

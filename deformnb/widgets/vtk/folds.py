@@ -21,7 +21,7 @@ from deformnb.widgets.messages.views import PlanarData, SpaceData
 from deformnb.widgets.textures import FieldTextures
 
 RED = "red: where the map folds"
-UNSEEN = "the map folds; this way of drawing does not show where"
+UNSEEN = "the map folds; this renderer does not show where"
 
 # Nodes along the longest side where nothing but the field itself can be evaluated.
 _NODES = 33

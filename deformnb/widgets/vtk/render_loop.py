@@ -64,7 +64,7 @@ class LoopScene(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One picture, or two of the same place that are shown in turn.
+    """One picture, or two of the same place that alternate.
 
     Parameters
     ----------

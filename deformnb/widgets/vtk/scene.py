@@ -153,7 +153,8 @@ class SceneVoxels:
 
         Parameters
         ----------
-        kind : "plain" for all there are, "cropped" for those that can be seen, "warped" for what ``field`` brings.
+        kind : "plain" for all there are, "cropped" for those that can be seen, "warped" for the volume that
+            ``field`` has deformed.
         kept : outside of these indices is background.
         """
         state = (kind, field, None if kept is None else tuple(np.concatenate(kept)))
@@ -333,7 +334,7 @@ class ShaderMaps:
             self._loaded = self.maps
 
     def close(self) -> None:
-        """Release what is on the GPU."""
+        """Release the memory of the GPU."""
         if self.warp is not None:
             self.warp.close()
         self.warp = self.maps = self._loaded = None
@@ -424,7 +425,7 @@ class VtkScene:
         self._load(None)
 
     def set_field(self, field: Deformation | AbstractField | None, output: Grid | None = None) -> None:
-        """Deform what is shown.
+        """Set the field that deforms the volume.
 
         Parameters
         ----------
@@ -603,7 +604,7 @@ class VtkScene:
 def texture_works() -> bool:
     """Check that VTK's shader deforms as the core does: a small volume is drawn by both and compared, once a process.
 
-    To be called by a thread that renders. VTK's message about a shader that it cannot compile is not shown.
+    Call it in the thread that renders. VTK's message about a shader that it cannot compile is not shown.
     """
     return _is_right(*probe())
 
@@ -618,7 +619,7 @@ def cuts_work() -> bool:
 def folds_work() -> bool:
     """Check that VTK's shader shows folds red, and only those; a small volume is drawn and examined, once a process.
 
-    To be called by a thread that renders.
+    Call it in the thread that renders.
     """
     volume, field = mirrored_block()
     scene = VtkScene(volume, (64, 64), transfer="surface", method="texture", projection="composite")

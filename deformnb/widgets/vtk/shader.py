@@ -1,9 +1,10 @@
 """Deformation inside VTK's own volume shader: each sample of a ray is looked up backwards.
 
 The maps of :mod:`~deformnb.widgets.textures` become textures, and replacements in the text of VTK's shader let every
-look-up of the volume, those for the gradient included, go through them. An edit sends the maps only, some 100 kB.
+texture access of the volume, those for the gradient included, pass through them. An edit sends the maps only,
+some 100 kB.
 
-This depends on the words of VTK's shader, which no version promises to keep: every user compares a picture first.
+This depends on the text of VTK's shader, which may change with any version: every user compares a picture first.
 
 At cuts the text chooses at every sample the region that is seen, as :mod:`deformnb.rbf.cuts` does. The regions are
 written out one after the other, since Mesa's software renderer executes both sides of every branch anyway. Points and
@@ -223,7 +224,7 @@ SKIP_EMPTY = """bool dnb_ends = false;
     }
     if (dnb_ends) { break; }
     """
-"""Goes on to the next sample that is not transparent, or leaves the loop along the ray."""
+"""Continue to the next sample that is not transparent, or leave the loop along the ray."""
 
 REPLACED_FOR_EMPTY = {"scalar = texture3D(in_volume[0], g_dataPos);": "scalar = dnb_texel;"}
 """Look-ups that need no repetition behind it; nothing is wrong where VTK has no such words."""
@@ -347,7 +348,7 @@ class VolumeWarp:
             self._uniforms.SetUniformi(name, texture.unit())
 
     def _inject(self, planar: str, space: bool, cut: Any) -> None:
-        """Write the code into VTK's shader, which is compiled anew if that differs from before."""
+        """Write the code into VTK's shader, which is compiled again if that differs from before."""
         self._what = (planar, space, cut)
         is_red = self._is_red and (planar != "none" or space)
         wanted = (*self._what, self._is_boxed, is_red, self._is_lit)
@@ -400,7 +401,7 @@ class VolumeWarp:
         self._inject(*self._what)
 
     def set_row(self, row: int) -> None:
-        """The picture's row from below that the window starts with: stripes go on from one part to the next."""
+        """The picture's row from below that the window starts with: stripes continue from one part to the next."""
         self._uniforms.SetUniformf("dnb_fold_row", float(row))
 
     def set_projection(self, is_mip: bool, is_lit: bool) -> None:

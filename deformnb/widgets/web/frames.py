@@ -204,7 +204,7 @@ class _ViewArea:
         self._send_to_view({"type": "seen", "seq": number}, page)
 
     def _look_from(self, side: Any) -> None:
-        """Look from a side, by its name."""
+        """Set the camera to a side, by its name."""
         view = self._view()
         if not isinstance(side, str) or side not in self._sides or view is None:
             raise DeformError("there is no such side.")
@@ -228,7 +228,7 @@ class _ViewArea:
     # -- for the view --------------------------------------------------------------------------------------------------
 
     def deliver(self, message: FrameSent, pictures: list[bytes], frame: Frame) -> None:
-        """A picture of the view, or two that are shown in turn; called by the thread that draws."""
+        """A picture of the view, or two that alternate; called by the thread that draws."""
         view = self._view()
         if view is not None:
             camera = self._camera if self._mouse.is_pressed else view.camera

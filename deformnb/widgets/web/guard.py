@@ -1,7 +1,7 @@
 """Access control of the application's server: origins, hosts, passwords, and allowed remote procedures.
 
-trame's server alone answers every page of the browser and everyone on the machine: its password is public, it checks
-neither the origin of a request nor the host name in it, and a message may have 4 GB. So each start makes a
+Without it, trame's server answers every page of the browser and every user of the machine: its password is public, it
+checks neither the origin of a request nor the host name in it, and a message may have 4 GB. So each start makes a
 separate password, requests that carry another name or origin get 403, and of the remote procedures only those in a
 table remain, each with a check of its arguments. A wrong message is logged, without its content, and dropped.
 """
@@ -340,7 +340,7 @@ class MessageGuard:
     async def receive(self, is_binary: bool, message: Any, client_id: str) -> None:
         """Called by wslink with each message of a page."""
         if not self._may_send(client_id):
-            self._drop("too many at once")
+            self._drop("too many in a short time")
             return
         try:
             is_known = self._handler.isClientAuthenticated(client_id)

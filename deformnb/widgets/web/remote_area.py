@@ -26,7 +26,7 @@ Push = Callable[[bytes, dict[str, Any]], None]
 
 _TURN = math.pi  # radians for a drag across the height of the picture
 _ZOOM = 1.15  # for one notch of the wheel
-_BLINK = 0.7  # seconds of each of two pictures that are shown in turn
+_BLINK = 0.7  # seconds of each of two alternating pictures
 
 
 class MouseCamera:
@@ -101,7 +101,7 @@ class MouseCamera:
 
 
 class Pictures:
-    """Sends the newest picture to the area; of two that belong together, one and the other in turn.
+    """Sends the newest picture to the area; two that belong together alternate.
 
     Parameters
     ----------

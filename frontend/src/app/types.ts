@@ -27,7 +27,7 @@ export type Component<Instance> = ThisType<Instance & { trame: Trame }> & {
 declare global {
   interface Window {
     trame: Trame;
-    /** What trame installs into the Vue application. */
+    /** The properties that trame installs into the Vue application. */
     deformnb_app: { install(app: { component(name: string, component: Component<never>): void }): void };
   }
 }

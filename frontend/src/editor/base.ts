@@ -82,7 +82,7 @@ export abstract class EditorDrawing {
   abstract draw(): void;
 }
 
-/** Attach the sender of an editor to its model: before any view, and as long as the model lives. */
+/** Attach the sender of an editor to its model: before any view, until the model is closed. */
 export function initialize({ model }: { model: Model }) {
   const bus = busOf(model),
     uid = model.get("uid");

@@ -69,7 +69,7 @@ export class Commands implements EditorCommands {
   run(command: string, focused: number | null) {
     const { panels, points, tools } = this.editor,
       ids = points.idsAt(focused);
-    // Ask the history whether there is a step; the toolbar receives an edit a moment later.
+    // Check the history for a step; the toolbar receives an edit a moment later.
     if (focused === null && !["undo", "redo"].includes(command) && panels.toolbar.isOff(command)) return;
     if (tools.shapes.choice.chosen && focused === null && ids.length === 0 && SHAPE_COMMANDS[command]) {
       if (!points.isLocked) SHAPE_COMMANDS[command](tools.shapes);

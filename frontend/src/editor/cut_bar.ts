@@ -30,7 +30,7 @@ export class CutBar {
     this.bar = new OptionBar(editor, "dnb-ed-options dnb-ed-cut-bar", "Chosen cut");
     this.stops = this.bar.checkbox(
       "Stop at the ends",
-      "The cut stops at both ends; else it goes on straight to the border",
+      "The cut stops at both ends; else it continues straight to the border",
       (isOn) => editor.tools.shapes.stopAtEnds(isOn),
     );
     this.front = this.bar.checkbox(

@@ -67,7 +67,7 @@ const SHOWN = [
   ...GHOST_TRAITS,
 ];
 
-const UNKNOWN_WIDTH = 420; // CSS pixels, until the host page has laid the editor out
+const UNKNOWN_WIDTH = 420; // CSS pixels, until the layout of the host page
 
 /** The front end of one view of an editor. */
 export class EditorView extends EditorDrawing {
@@ -99,7 +99,7 @@ export class EditorView extends EditorDrawing {
     layers.grid = new GridLayer(parts);
     layers.ghost = new Ghost(parts);
     layers.overlay = new Overlay(parts);
-    tools.shapes = new ShapeTools(parts); // whose shapes lie under the points
+    tools.shapes = new ShapeTools(parts); // whose shapes are drawn under the points
     tools.parts = new PartTools(parts);
     tools.foldStop = new FoldStop(parts);
     layers.handles = new Handles(this.stage.svg);
@@ -298,7 +298,7 @@ export class EditorView extends EditorDrawing {
     stage.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     viewport.resize(width, height, ratio);
     if (isResized)
-      frames.drawNow(); // at once: the canvas is empty
+      frames.drawNow(); // immediately: the canvas is empty
     else frames.invalidate(); // a remark of two lines may appear and vanish during a drag
   }
 

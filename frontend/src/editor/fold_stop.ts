@@ -66,7 +66,7 @@ export class FoldStop {
   /** A drag as far as the map stays free of folds, if the user has chosen that: from `make(0)` to `make(1)`. */
   limit<S extends MapState>(make: (share: number) => S): S {
     const wanted = make(1),
-      note = "Stopped before the picture folds; T lets the drag go on";
+      note = "Stopped before the picture folds; T lets the drag continue";
     this.note = "";
     if (!this.editor.model.get("stop_at_folds") || !this.refuses(wanted, note)) return wanted;
     let low = 0,

@@ -15,7 +15,7 @@ export type Band = { x: number; y: number; width: number; height: number };
 export abstract class Gesture {
   from: Vector2;
 
-  /** Where the pointer was last. */
+  /** The last place of the pointer. */
   at: Vector2;
 
   /** Whether the pointer has not moved yet. */
@@ -134,7 +134,7 @@ export class BandGesture extends ClickGesture {
   }
 }
 
-/** A tool that drags points: `by` in CSS pixels since the press, `isLoose` where they need not keep to the grid. */
+/** A tool that drags points: `by` in CSS pixels since the press, `isLoose` where they need not snap to the grid. */
 export interface PointDragger {
   beginDrag(): void;
   drag(ids: number[], by: Vector2, what: Moved, id: number, isLoose: boolean): void;

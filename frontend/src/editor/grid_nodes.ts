@@ -89,7 +89,7 @@ export class GridNodes {
   }
 
   /**
-   * The points with their displacements times the strength, so that they lie on the grid next to its nodes.
+   * The points with their displacements times the strength, so that they are on the grid next to its nodes.
    */
   magnify(points: PicturePoint[]) {
     const strength = this.editor.map.strength;

@@ -24,7 +24,7 @@ export class HitTest {
   constructor(readonly editor: HitEditor) {}
 
   /**
-   * The element that an event is about. While a pointer is captured, what lies under its clicks is not their target. A
+   * The element that an event is about. While a pointer is captured, the element under its clicks is not their target. A
    * press may come before other points or shapes are drawn: then they are, and the element there now counts.
    */
   #hit(event: Event) {

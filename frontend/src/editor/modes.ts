@@ -51,7 +51,7 @@ export class Modes {
   }
 
   /**
-   * While it is on, whatever is dragged around or clicked is added to the selection: fingers have no Shift key.
+   * While it is on, all that is dragged around or clicked is added to the selection: fingers have no Shift key.
    */
   setSelecting(isSelecting: boolean) {
     const { frames, messages, stage } = this.editor;

@@ -263,7 +263,7 @@ export class Overlay {
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   /**
-   * @param layered null for the picture as it was, over which nothing is laid
+   * @param layered null for the original picture, which has no overlay
    * @param known the same, at the nodes of the picture while something moves
    */
   draw(layered: LayeredFit | null, known: LayeredFit | null, folds: Folds | null, isMoving: boolean) {

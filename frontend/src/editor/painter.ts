@@ -8,7 +8,7 @@ import { sampledFits } from "../maths/sampled_fit.ts";
 import type { LayeredFit, PictureRaster, Raster, Vector2, Vector3, Vector4 } from "../types.ts";
 
 /**
- * The visible part of the picture plane: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
+ * The visible part of the picture plane: a place (a, b) is at (k a + x, k b + y) CSS pixels; the size in CSS
  * pixels, and the ratio of the canvas's pixels to those.
  */
 export type View = { k: number; x: number; y: number; width: number; height: number; ratio: number };
@@ -316,7 +316,7 @@ export class Painter {
     c.fillStyle = paper;
     c.fillRect(0, 0, canvas.width, canvas.height);
     this.sampled = fit;
-    const hex = String(c.fillStyle); // #rrggbb, whatever was set
+    const hex = String(c.fillStyle); // #rrggbb for any colour that was set
     this.paper = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) || 0);
     if (!source || !sheet) return;
     const whole = this.visible(view, sheet),
@@ -391,7 +391,7 @@ export class Painter {
   }
 
   /**
-   * Look every pixel up in the source: map at the nodes of a lattice, bilinear between them, bilinear in the picture.
+   * Sample the source at every pixel: map at the nodes of a lattice, bilinear between them, bilinear in the picture.
    * @param step pixels of the canvas across one that is looked up
    */
   #warp(
@@ -830,7 +830,7 @@ class LayerPlan {
   }
 
   /**
-   * Look up one pixel: writes [p, q, opacity] in pixels of the level.
+   * Sample one pixel: writes [p, q, opacity] in pixels of the level.
    * @param s the place of the pixel in its cell
    */
   look(cell: number, s: number, t: number, out: number[]) {

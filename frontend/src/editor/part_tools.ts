@@ -38,7 +38,7 @@ export type PartDrag = {
 };
 
 const TURN_STEPS = [1, 15]; // degrees of a key alone and with Shift; a drag with Shift snaps to the second
-const ALONE = "nothing holds what is around it: add points there, or a fixed side";
+const ALONE = "nothing holds the tissue around it: add points there, or a fixed side";
 const VERBS: Record<PartHandle, string> = { move: "move", turn: "turn", pivot: "move the pivot of" };
 
 /** Dependencies of the tools on the editor. */

@@ -54,7 +54,7 @@ export class PointTools {
     if (editor.points.isLocked || samePoints(points, editor.points.list)) return false;
     if (!editor.map.error && !this.accepts(points)) return false;
     if (JSON.stringify(points).length > MOST_CHARACTERS) {
-      editor.messages.show("These are too many points to send at once. Remove some, or edit in Python.");
+      editor.messages.show("These are too many points to send in one message. Remove some, or edit in Python.");
       return false;
     }
     editor.sender.edit(points, kind, join); // which notifies all views, this one too

@@ -49,7 +49,7 @@ export interface ShapeParts
   body: SVGGElement;
   bands: SVGGElement;
   name: SVGTextElement;
-  /** Where it was before its motion. */
+  /** Its place before its motion. */
   were: SVGPathElement[];
   far: SVGPathElement[];
 }
@@ -352,8 +352,8 @@ function gripsOf(shape: ShapeData, { what, index }: Chosen, reach: number) {
           isTip === null
             ? ""
             : isTip
-              ? ". The cut stops here: Enter lets it go on"
-              : ". The cut goes on: Enter lets it stop here";
+              ? ". The cut stops here: Enter lets it continue"
+              : ". The cut continues: Enter lets it stop here";
       return {
         sort: "corner",
         number: i,

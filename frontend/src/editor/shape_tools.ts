@@ -45,7 +45,7 @@ export type ShapeDrag = { shapes: Shapes; region: RegionData; corner: number | n
 const PEN_HINTS: Record<string, string> = {
   cut:
     "Click along the cut, or draw it in one stroke. Enter or double-click ends it; a click on its start closes " +
-    "it. An open cut goes on straight to the border; double-click an end of it later to let it stop there",
+    "it. An open cut continues straight to the border; double-click an end of it later to let it stop there",
   part: "Click around what shall stay rigid, or draw around it. Enter, double-click or a click on the start closes it",
   fixed: "Click two places, or drag a line: the hatched side of it stays fixed. The arrows on the line swap the sides",
 };
@@ -424,7 +424,7 @@ export class ShapeTools {
   turn() {
     const region = this.choice.shape && swapRegionSides(this.choice.shape.region);
     if (!region) {
-      this.editor.messages.hint("What is closed has only one inside");
+      this.editor.messages.hint("A closed cut has only one inside");
       return;
     }
     if (this.#change({ region }, "swap the sides of")) this.editor.messages.announce("sides swapped");
@@ -600,7 +600,7 @@ export class ShapeTools {
   // ---- points that contradict a part --------------------------------------------------------------------------------
 
   /**
-   * Keep the outline, show the problem, and offer what may become of the points; false if none contradicts a part.
+   * Keep the outline, show the problem, and offer actions on the points; false if none contradicts a part.
    */
   #offer(offer: Offer) {
     const held = findConflicts(offer.points, offer.parts, this.editor.map.strength),

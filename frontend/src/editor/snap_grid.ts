@@ -26,7 +26,7 @@ export class SnapGrid {
     const { messages, model } = this.editor;
     setTrait(model, "snap", this.step > 0 ? 0 : this.#cell);
     const { step } = this;
-    if (step > 0) messages.hint(`Targets keep to a grid of ${formatLength(step)}; hold Alt to go between`, 4000);
+    if (step > 0) messages.hint(`Targets snap to a grid of ${formatLength(step)}; hold Alt to go between`, 4000);
   }
 
   /** The next node; the drawn grid fills the box with whole cells, which may be a little larger or smaller. */

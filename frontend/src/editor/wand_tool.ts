@@ -37,7 +37,7 @@ export type WandEditor = EditorParts<
 >;
 
 export class Wand {
-  readonly advice = "Click on what is to be selected; [ and ] change the tolerance; Esc ends";
+  readonly advice = "Click on the tissue to be selected; [ and ] change the tolerance; Esc ends";
   outline: Outline;
   bar: OptionBar;
   rule: HTMLSelectElement;
@@ -76,13 +76,8 @@ export class Wand {
     const tip = "What hangs together in the volume, not only in this picture";
     this.through = this.bar.checkbox("Through the depth", tip, () => this.#applyChange());
     const { bar } = this;
-    this.part = bar.button(
-      "Make rigid part",
-      "Make rigid part",
-      () => this.#make("part"),
-      "keep what is selected rigid",
-    );
-    const outline = "cut along the outline of what is selected";
+    this.part = bar.button("Make rigid part", "Make rigid part", () => this.#make("part"), "keep the selection rigid");
+    const outline = "cut along the outline of the selection";
     this.cut = bar.button("Make cut", "Make cut", () => this.#make("cut"), outline);
     this.words = bar.text("dnb-ed-wand-words", { role: "status" });
   }
@@ -116,7 +111,7 @@ export class Wand {
     editor.tools.shapes.choice.choose(null);
     this.isOn = true;
     editor.stage.element.classList.add("dnb-ed-wanding");
-    editor.messages.announce("Wand: arrows move a cross, Enter selects what lies under it, Escape ends");
+    editor.messages.announce("Wand: arrows move a cross, Enter selects the tissue under it, Escape ends");
     editor.stage.focus();
     editor.frames.invalidate();
   }

@@ -23,7 +23,7 @@ const TYPES: Record<VoxelType, string[]> = {
   f8: ["double"],
 };
 
-/** What turns each space into left-posterior-superior. */
+/** The conversion of each space to left-posterior-superior. */
 const SPACES: Record<string, Vector3> = {
   "left-posterior-superior": [1, 1, 1],
   lps: [1, 1, 1],
@@ -141,7 +141,7 @@ function placesOf(fields: Texts, sizes: number[]) {
     throw new FileError(
       `a volume has three axes in space but this file has (${sizes
         .map((size, k) => `${shownText(kinds[k])}: ${size}`)
-        .join(", ")}). Save one channel or one time point as a file of its own and open that.`,
+        .join(", ")}). Save one channel or one time point as a separate file and open that.`,
     );
   }
   return places.slice(0, 3);
@@ -156,7 +156,7 @@ function vectorsOf(field: string, text: string): (number[] | null)[] {
 }
 
 /**
- * Where the voxels begin.
+ * The place in the file at which the voxels begin.
  * @param end of the header
  * @param expected bytes
  */

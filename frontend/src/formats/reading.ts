@@ -97,7 +97,7 @@ export function volumeShape(sizes: number[], itemsize: number, notes: string[]):
   if (real.length > 3) {
     throw new FileError(
       `a volume has three axes but this file has ${real.length} (${real.join(" x ")}). Save one ` +
-        "time point or one channel as a file of its own and open that.",
+        "time point or one channel as a separate file and open that.",
     );
   }
   if (sizes.length < 3) notes.push("a 2-D image was taken as a volume of one slice");

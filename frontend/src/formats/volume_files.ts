@@ -130,7 +130,7 @@ function scaleVoxels(stored: Stored, { type, slope, intercept, notes }: Header) 
     if (typeof stored[k] === "bigint" && BigInt(values[k]!) !== stored[k]) {
       throw new FileError(
         `voxels of type ${NAMES[type]} from ${low} to ${high}: neither int32 nor float64 holds all of ` +
-          "them exactly. Subtract an offset or number the labels anew first.",
+          "them exactly. Subtract an offset or renumber the labels first.",
       );
     }
   }

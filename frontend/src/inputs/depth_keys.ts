@@ -24,7 +24,7 @@ class DepthKeysView extends NodesView<KeyDrag> {
 
   constructor(model: Model, el: HTMLElement) {
     super(model, el, "dnb-depth-keys", "data-key", [
-      "Add a key beside the selected one (A, or double click)",
+      "Add a key next to the selected one (A, or double click)",
       "Remove the selected key (Del, or right click)",
     ]);
     this.svg.setAttribute("height", String(BAR.height));

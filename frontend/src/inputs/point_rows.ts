@@ -50,7 +50,7 @@ export function pointColumns(dim: number): Column[] {
       title: "On",
       kind: "check",
       width: "42px",
-      tip: "A point that is off keeps its place and takes no part in the fit",
+      tip: "A point that is off stays in its place and is not fitted",
     },
     {
       key: "locked",
@@ -86,7 +86,7 @@ export function pointColumns(dim: number): Column[] {
       kind: "number",
       at: 2 * dim,
       width: "64px",
-      tip: "How much the point counts beside others. It matters only with smoothing",
+      tip: "Weight of the point relative to others. It matters only with smoothing",
     },
     {
       key: "radius",

@@ -90,7 +90,7 @@ class RestoreBarView extends Widget {
     clearTimeout(this.timer);
     const offer = this.model.get("offer") || "",
       written = this.model.get("written");
-    const found = written ? ` What was written by itself at ${written} is offered then, or stands under History.` : "";
+    const found = written ? ` The session autosaved at ${written} is offered then, or is under History.` : "";
     setText(this.text, this.fate ? `The kernel ${this.fate}: run the cell again.${found}` : offer);
     this.buttons.forEach((button, k) => {
       button.hidden = Boolean(this.fate);

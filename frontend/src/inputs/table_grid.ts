@@ -205,7 +205,7 @@ export class TableGrid {
     setText(cell, `${isSuspect ? "! " : ""}${text}`);
     cell.classList.toggle("dnb-pt-suspect", isSuspect);
     const tip = isSuspect
-      ? "This point disagrees with its neighbours: look whether it was put where it belongs"
+      ? "This point disagrees with its neighbours: check its place"
       : isNumber || column.key === "name"
         ? editText(value)
         : "";

@@ -82,7 +82,7 @@ export class ValueAxes extends PlotAxes {
     this.zoomTo(panAxis(this.zoom, this.whole, value < low ? value - low : value - high));
   }
 
-  /** Move a zoomed axis by a share of what is seen. */
+  /** Move a zoomed axis by a share of the visible range. */
   pan(from: Vector2, share: number) {
     this.zoomTo(panAxis(from, this.whole, share * (from[1] - from[0])));
   }

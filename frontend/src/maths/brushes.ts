@@ -8,7 +8,7 @@
 import type { PicturePoint, Vector2, Vector4 } from "../types.ts";
 import { newPoint } from "./points.ts";
 
-const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that is done at once
+const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that is done in one edit
 const BRUSH_LEG = 0.5; // of the radius: after that distance the rings are replaced around the brush
 const BRUSH_CARRIES = 0.6,
   BRUSH_SLIPS = 0.5; // radii that the middle is carried; then it is left behind bit by bit

@@ -49,7 +49,7 @@ export class Camera {
   }
 
   /**
-   * Look along a direction; without an up vector, up is towards the head, or the front in views from above or below.
+   * Set the direction of view; without an up vector, up is towards the head, or the front in views from above or below.
    */
   look(direction: Vector3, up?: Vector3 | null) {
     const [x, y, z] = direction,

@@ -60,14 +60,14 @@ function checkSlits(regions: Region[], rule: string) {
   const count = regions.filter(({ opening }) => opening).length;
   if (count > MOST_SLITS) {
     throw new RbfError(
-      `at most ${MOST_SLITS} cuts of a step may stop inside the body, got ${count}; let one go on to ` +
-        "the border, or put it in a step of its own.",
+      `at most ${MOST_SLITS} cuts of a step may stop inside the body, got ${count}; let one continue to ` +
+        "the border, or put it in a separate step.",
     );
   }
   if (count && rule === "paper") {
     throw new RbfError(
       'the rule "paper" of cuts (Eq. 8) hides what crosses a line, also where that has stopped; use ' +
-        'the rule "source", or let the cuts go on to the border.',
+        'the rule "source", or let the cuts continue to the border.',
     );
   }
 }

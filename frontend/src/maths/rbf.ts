@@ -714,7 +714,7 @@ function rbfBorderedTrend(
       dim,
     ),
   );
-  // Points that are flat only to rounding lie a little off their span, where the completed map displaces them too.
+  // Points that are flat only to rounding are a little off their span, where the completed map displaces them too.
   const rest = solve(rbfWithoutLinear(x, q && whole.bent ? rbfWithout(d, q, whole.bent) : d, linear));
   const more = rbfOuter(rest.images, basis, dim);
   return {
@@ -896,7 +896,7 @@ function rbfWarnings(ready: Ready, kernel: string, map: number[][]) {
     affine_exact: "the trend collapses everything to one place",
     quadratic: "the trend collapses everything to one place",
     similarity: "the trend collapses everything to one place",
-    rigid: "the turn is open and stays what it was",
+    rigid: "the rotation is undetermined and stays as it was",
   };
   const sources = spread(rbfSource);
   if (Object.hasOwn(collapses, ready.trend) && sources < NO_ANGLE * spread((q) => q.x)) {
@@ -1080,8 +1080,8 @@ export function rbfFit(points: Point[], settings: FitSettings & { previous?: Rbf
   const active = points.filter((p) => p.active !== false);
   if (RBF_KERNELS[kernel]!.order > 0 && active.some((p) => (p.radius ?? null) !== null)) {
     throw new RbfError(
-      `control points have support radii of their own, and the ${kernel} kernel, which has no end, ` +
-        "knows none; choose a Wendland kernel or the Gaussian, or clear their radii.",
+      `control points have individual support radii, and the ${kernel} kernel, which has no end, ` +
+        "has none; choose a Wendland kernel or the Gaussian, or clear their radii.",
     );
   }
   if (active.length > LARGEST_SET) {
@@ -1123,7 +1123,7 @@ export function rbfCheckSettings(
       .filter((t) => RBF_TRENDS[t]!.order >= RBF_KERNELS[kernel]!.order)
       .join(", ");
     throw new RbfError(
-      `the ${kernel} kernel is not positive definite on its own and needs a trend of ${able}; ` +
+      `the ${kernel} kernel is not positive definite and needs a trend of ${able}; ` +
         `choose that, or a Wendland kernel for the trend '${trend}'.`,
     );
   }
@@ -1462,8 +1462,8 @@ function rbfOpenBend(n: number, kernel: string, dim: number) {
   return [
     `${why}: ${
       RBF_KERNELS[kernel]!.order > 2 && n >= least
-        ? "nothing holds the quadratic trend beside it; the thin-plate kernel would stay calm"
-        : "what they leave open of it is left out"
+        ? "the quadratic trend is undetermined off it; the thin-plate kernel would vary less there"
+        : "the part of it that they do not determine is left out"
     }`,
   ];
 }
@@ -1521,7 +1521,7 @@ function rbfSolvePrepared(ready: Ready, kernel: string, smoothing: number, previ
     array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most : Math.abs(value)), 0);
   if (fit.scales && !(largest(alpha) <= MOST_GAIN * largest(d))) {
     throw new RbfError(
-      "the support radii that these control points have of their own do not go together: the system " +
+      "the individual support radii of these control points are incompatible: the system " +
         `is nearly singular (closest are ${rbfClosest(ready)}). Give neighbours more similar radii, or smaller ones.`,
     );
   }

@@ -347,7 +347,7 @@ function outlineRegion(data: OutlineData): Region {
 }
 
 /**
- * How far a cut along a line is open, as Line.opening in deformnb.rbf.regions: from 0, at its tips and beyond, to 1.
+ * Share of the opening of a cut along a line, as Line.opening in deformnb.rbf.regions: from 0, at its tips and beyond, to 1.
  */
 function openingOf({ vertices, stops = [false, false] }: LineData): NonNullable<Region["opening"]> {
   const corners = removeDuplicates(vertices, false),

@@ -217,7 +217,7 @@ function partitionPoints(points: Point[], ready: ReadyPart[]) {
         );
       }
     } else if (p.source.some((v, k) => v !== p.target[k])) {
-      notes.push(`${rbfLabel(p)} lies in ${partLabel(holders[0]!.r.part)}, which holds it already`);
+      notes.push(`${rbfLabel(p)} is in ${partLabel(holders[0]!.r.part)}, which holds it already`);
     }
   }
   return { free, notes, refused };
@@ -247,8 +247,7 @@ export function rigidFit(
     const { point, part } = first;
     const held = part.motion ? "has its own motion" : "is fixed";
     throw new RbfError(
-      `${rbfLabel(point)} lies in ${partLabel(part)}, which ${held}; move or remove the point, or ` +
-        "change the part.",
+      `${rbfLabel(point)} is in ${partLabel(part)}, which ${held}; move or remove the point, or change the part.`,
     );
   }
   for (const r of ready) r.scale = partScale(r, free);

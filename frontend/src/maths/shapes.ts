@@ -167,7 +167,7 @@ export function openingPlaces(vertices: Vector2[], [a0, a1, b0, b1]: Vector4) {
   return { pulled, held };
 }
 
-/** How often a displacement fits between a place and the end of the range in its direction. */
+/** Number of times that a displacement fits between a place and the end of the range in its direction. */
 function roomAlong(way: number, from: number, low: number, high: number) {
   return way > 0 ? (high - from) / way : way < 0 ? (low - from) / way : Infinity;
 }
@@ -280,7 +280,7 @@ export function turnAndShift(part: PartData): { angle: number; shift: Vector2 } 
   return { angle: motion ? Math.atan2(motion.matrix[1][0], motion.matrix[0][0]) : 0, shift: [x - a, y - b] };
 }
 
-/** A part turned by an angle and shifted, whatever its motion was. */
+/** A part turned by an angle and shifted, after any other motion. */
 export function rotatePart(part: PartData, angle: number, [da, db]: Vector2): PartData {
   const [a, b] = pivotOf(part),
     c = Math.cos(angle),
@@ -358,7 +358,7 @@ const REGION_WORDS: Record<string, string> = {
   mask: "mask",
 };
 
-/** Where a cut stops, in words. */
+/** The ends at which a cut stops, in words. */
 function stopWords([first, last]: [boolean, boolean]) {
   return first && last ? "stops at both ends" : first ? "stops at its first end" : last ? "stops at its last end" : "";
 }

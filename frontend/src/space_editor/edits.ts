@@ -32,7 +32,7 @@ export class SpaceEdits {
     const { messages, points, sender } = this.editor;
     if (points.isLocked || samePoints(list, points.list)) return false;
     if (JSON.stringify(list).length > MOST_CHARACTERS) {
-      messages.show("These are too many points to send at once. Remove some, or edit in Python.");
+      messages.show("These are too many points to send in one message. Remove some, or edit in Python.");
       return false;
     }
     sender.edit(list, kind, join); // which notifies all views, this one too

@@ -10,7 +10,7 @@ export class SpaceModes {
   constructor(readonly editor: SpaceParts<"frames" | "messages" | "points" | "row" | "help">) {}
 
   /**
-   * Switch a mode in which whatever is dragged around or clicked is added to the selection: fingers have no Shift key.
+   * Switch a mode in which all that is dragged around or clicked is added to the selection: fingers have no Shift key.
    */
   setSelecting(isSelecting: boolean) {
     const { frames, messages } = this.editor;

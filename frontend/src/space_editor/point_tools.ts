@@ -82,8 +82,8 @@ export class SpacePointTools {
   }
 
   /**
-   * Add a point that holds the tissue visible at its place: Python looks up its source, and nothing moves.
-   * Where there is a point already, it is selected. Returns its id, or null.
+   * Add a point that holds the tissue visible at its place: Python finds its source, and nothing moves.
+   * A point that is there already is selected instead. Returns its id, or null.
    * @param at in pixels
    */
   addAt(pane: SpacePane, at: Vector2) {
@@ -248,7 +248,7 @@ export class SpacePointTools {
     const step = voxel * Math.max(1, Math.round(Math.max(a1 - a0, b1 - b0, c1 - c0) / SNAP_PARTS / voxel));
     setTrait(editor.model, "snap", this.snap > 0 ? 0 : step);
     if (this.snap > 0)
-      editor.messages.hint(`Targets keep to a lattice of ${formatLength(step)}; hold Alt to go between`, 4000);
+      editor.messages.hint(`Targets snap to a lattice of ${formatLength(step)}; hold Alt to go between`, 4000);
   }
 
   /** The next node in a picture, whose nodes begin at the middle of its first voxel; the depth stays. */

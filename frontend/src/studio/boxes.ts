@@ -1,7 +1,7 @@
 // Boxes of widgets: elements for a tree of boxes, tabs and folds, with the views of ipywidgets' and our own widgets in
 // them. A box has the class names of ipywidgets' boxes, and caches its element and its views while it is in the tree.
 //
-// Messages to Python: the tab that was chosen, the section that was opened or closed. They are shown at once, and
+// Messages to Python: the tab that was chosen, the section that was opened or closed. They are shown immediately, and
 // Python adds contents to a section that it had not made before.
 
 import type { BoxChoice } from "../generated.ts";

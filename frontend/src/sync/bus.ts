@@ -47,7 +47,7 @@ export function settingsOf(model: Model): FitSettings {
 }
 
 /**
- * Hold a bus. It lives while it has holders: the editor's model and its followers. Views open and close in between.
+ * Hold a bus. It exists while it has holders: the editor's model and its followers. Views open and close in between.
  */
 export function holdBus(bus: Bus) {
   bus.owners += 1;
@@ -64,7 +64,7 @@ export function releaseBus(bus: Bus, uid: string) {
 export class FollowedModel {
   reference: string | Model | null = null;
 
-  /** What ends with it */
+  /** Functions that end with it */
   ends: (() => void)[] = [];
 
   #ticket: object | null = null; // of the reference that is followed

@@ -97,7 +97,7 @@ const MORE: ToolEntry[][] = [
     [
       "turn-left",
       "Turn left by 15\u00b0",
-      "Turn the selected points to the left; one point turns what is around it",
+      "Turn the selected points to the left; one point turns the tissue around it",
       false,
       "points_selected",
     ],

@@ -8,7 +8,7 @@ import { pageElement, setText } from "./dom.ts";
 
 const BAR = { least: 44, most: 120, share: 0.22 }; // CSS pixels, and of the picture's width at most
 const NO_SCALE =
-  "In perspective no length holds for the whole picture: what is near is larger. " + "Parallel views have a scale.";
+  "In perspective no length holds for the whole picture: near objects are larger. " + "Parallel views have a scale.";
 
 /** The largest of 1, 2, 5 times a power of ten that is at most so long. */
 function roundLength(most: number) {

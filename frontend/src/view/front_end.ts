@@ -70,7 +70,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
     this.elements.showMessage(`${this.title} has failed: ${(error instanceof Error && error.message) || error}`);
   }
 
-  /** Show the trait "shows"; two in turn or compared only where that is drawn here. */
+  /** Show the trait "shows"; two alternating or compared only where that is drawn here. */
   takeShows(isDrawn = true) {
     const { elements } = this,
       { shows } = elements;

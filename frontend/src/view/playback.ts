@@ -1,6 +1,6 @@
-// The moments of an animation in a live view: all maps came at once, and a player in the same window chooses one.
+// The moments of an animation in a live view: all maps came in one message, and a player in the same window chooses one.
 //
-// The maps are stacked, time is their third axis: what a GPU would blend between two texels is blended
+// The maps are stacked, time is their third axis: the blend of a GPU between two texels is computed
 // here, once for a picture instead of once for every sample of every ray. Nothing is sent to Python.
 
 import type { FieldMaps, FramesData } from "../generated.ts";

@@ -257,7 +257,7 @@ export class StillPicture {
     if (!this.pictures) this.view.messages.send({ type: "still", background: this.view.elements.theme.name });
   }
 
-  /** Call `callback` when there is a picture of the present state; with Python's own pictures at once. */
+  /** Call `callback` when there is a picture of the present state; with Python's own pictures immediately. */
   callWhenShown(callback: () => void) {
     if (this.pictures) {
       callback();

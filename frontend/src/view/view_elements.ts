@@ -130,7 +130,7 @@ export class ViewElements {
   }
 
   /**
-   * Where nothing has changed nothing is written: in every frame of an animation it would cost a software renderer more
+   * Only changes are written: in every frame of an animation it would cost a software renderer more
    * than the volume.
    */
   #write(camera: ViewCamera) {

@@ -4,7 +4,7 @@ import type { Chunk } from "../generated.ts";
 import type { Vector3 } from "../types.ts";
 import type { Bytes } from "./types.ts";
 
-const IN_FLIGHT = 2; // pieces in flight at once: the second hides the round trip of the first
+const IN_FLIGHT = 2; // pieces in flight: the second hides the round trip of the first
 const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which those in flight are taken for lost
 const LOADER_TRIES = 3; // each waits twice as long as the one before
 
@@ -105,7 +105,7 @@ export class VolumeLoader {
       () => {
         this.tries += 1;
         if (this.tries > LOADER_TRIES)
-          this.#setStuck(true); // a late piece is accepted all the same
+          this.#setStuck(true); // a late piece is accepted too
         else this.#requestMissing();
       },
       LOADER_PATIENCE * 2 ** this.tries,

@@ -130,7 +130,7 @@ export function cornersOf(grid: Grid, centres = false) {
   );
 }
 
-/** The edge lengths of the box along its own axes. */
+/** The edge lengths of the box along its axes. */
 export function lengthsOf({ shape, spacing }: Grid): Vector3 {
   const [nz, ny, nx] = shape;
   return [spacing[0] * nx, spacing[1] * ny, spacing[2] * nz];

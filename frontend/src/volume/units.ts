@@ -27,7 +27,7 @@ export function statedUnit(text: string, notes: string[]) {
   return "";
 }
 
-/** How many of one unit one of another is; 1 where either is not known. */
+/** Ratio of one unit to another; 1 where either is not known. */
 export function unitRatio(unit: string, to: string) {
   return unit && to ? METRES[unit]! / METRES[to]! : 1;
 }

@@ -38,7 +38,7 @@ const int chosen = 0;
 #endif
 
 #ifdef CUT
-// Found by origin() for the last place. Of a region's coverage half lies on each side of its edge.
+// Found by origin() for the last place. Half of a region's coverage is on each side of its edge.
 float seen;    // share of the tissue there that has not been cut away
 float closed;  // the same with a ramp a few voxels wide: below 1 a cut face is near
 uniform float softness, faceWidth;

@@ -45,7 +45,7 @@ class PlanarRanges {
     this.tiles = [tiles(columns), tiles(rows)];
     this.values = planarTiles(maps, [layers, rows, columns], this.tiles);
     for (const axis of [0, 1] as const) {
-      // of all tiles that a box meets, at the first of them: one look-up for each box
+      // of all tiles that a box meets, at the first of them: one texture access for each box
       const stride = axis ? 4 * this.tiles[0] : 4,
         most = Math.ceil((2 * this.half[axis]) / PLANAR_TILE);
       this.values = gatherTiles(this.values, stride, this.tiles[axis], most);

@@ -112,7 +112,7 @@ void main() {
         vec3 inside = fract(cell), room = (rings + mix(inside, 1. - inside, isForth)) * perCell;
         float leave = max(1., ceil(min(min(room.x, room.y), room.z) / stepLength));
 #ifndef MIP
-        // As many steps at once as stop little light in the densest of the cell, but none of another cell; the face of
+        // As many steps together as stop little light in the densest of the cell, but none of another cell; the face of
         // a body that the box cuts through is seen in single ones.
         float stopped = max((1. - sum.a) * layers * ${OPACITY_SHARE} * about.g, 1e-6);
         steps = t - t0 < 3. * stepLength ? 1. : clamp(floor(${LITTLE} / stopped), 1., min(leave, ${MOST_STEPS}));
@@ -243,7 +243,7 @@ void main() {
   color = vec4(there);
 }`;
 
-// Takes the pixels of four quarters, which are side by side, in turn.
+// Interleaves the pixels of four quarters, which are side by side.
 export const MERGE = `#version 300 es
 precision highp float; precision highp int;
 uniform highp sampler2D picture; uniform ivec2 size;
@@ -253,11 +253,11 @@ void main() {
   color = texelFetch(picture, (p >> 1) + (p & 1) * size, 0);
 }`;
 
-// Lays the picture over the background: a light that falls off towards the corners, so that dark bodies stand out. A
+// Composites the picture over the background: a light that falls off towards the corners, so that dark bodies stand out. A
 // smaller picture is enlarged by the cubic of Mitchell and Netravali (1988), without its four corners, which are small.
 export const PRESENT = `#version 300 es
 precision highp float;
-uniform sampler2D picture, second; uniform float share; // of the second picture laid over the first
+uniform sampler2D picture, second; uniform float share; // opacity of the second picture over the first
 uniform vec2 extent, secondExtent, resolution; uniform float start, secondStart, parts; uniform vec3 centre, corner;
 out vec4 color;
 vec4 look(sampler2D seen, vec2 extent, vec2 t) {

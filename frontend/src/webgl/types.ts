@@ -51,7 +51,7 @@ export interface PlaneCut extends Omit<PlaneCutData, "rule" | "id" | "regions"> 
   distances: Float32Array;
   /** It may be missing of cuts that have just been drawn. */
   rule?: string;
-  /** What names the distances that Python has sent. */
+  /** Id of the distances that Python has sent. */
   id?: string;
   /** The regions of the cuts in words: as Python sends them, or as one text. */
   regions?: unknown;
@@ -72,7 +72,7 @@ export interface SpaceField extends SpaceData {
   depths?: Float32Array | Uint16Array;
 }
 
-/** Where texture coordinates come from: a matrix, column by column, and an offset. */
+/** Map to texture coordinates: a matrix, column by column, and an offset. */
 export interface ToTexture {
   matrix: Matrix3;
   offset: Vector3;
@@ -101,13 +101,13 @@ export interface RayCamera {
   right: Vector3;
   up: Vector3;
   ahead: Vector3;
-  /** How strong the perspective is, per length; 0 is parallel. */
+  /** Strength of the perspective, per length; 0 is parallel. */
   bend: number;
 }
 
 /** The picture in some columns of a canvas. */
 export interface Picture {
-  /** The layer that is shown in turn with others, or 0. */
+  /** The layer that alternates with others, or 0. */
   layer: number;
   /** The first column and how many there are. */
   x: number;

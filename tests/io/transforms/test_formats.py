@@ -302,7 +302,7 @@ def test_what_others_wrote_is_described_by_its_parts(tmp_path: Path, capsys: pyt
     )
     sitk.WriteTransform(both, str(tmp_path / "both.txt"))  # an ending that landmarks have too
     rows = describe_transform(tmp_path / "both.txt")
-    assert rows["maps"] == "backward, as transforms for resampling do; the file does not say it"
+    assert rows["maps"] == "backward, as transforms for resampling do; the file does not state it"
     assert {rows["part 1"], rows["part 2"]} == {
         "affine map, which makes volumes 0.5 times as large",
         "affine map, which makes volumes 1 times as large",

@@ -55,7 +55,7 @@ def test_zarr_and_numpy_read_the_same_map(grid: Grid, tmp_path: Path) -> None:
     points = grid.index_to_point(RANDOM.uniform(0, 4, (40, 3)))
     for field in (DisplacementField(values, grid), dn.rbf.compose(DisplacementField(values, grid), AFFINE), AFFINE):
         write_transform(field, tmp_path / "a.zarr", grid, overwrite=True)
-        limit = bound("transforms", "ngff", "zarr and NumPy by hand")
+        limit = bound("transforms", "ngff", "zarr and NumPy directly")
         again = read_transform(tmp_path / "a.zarr")
         assert np.abs(_map_literally(tmp_path / "a.zarr", points) - points - again.displacement(points)).max() < limit
         assert np.abs(again.displacement(points) - field.displacement(points)).max() < limit

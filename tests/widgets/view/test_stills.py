@@ -1,4 +1,4 @@
-"""What draws the pictures in files: as a view does, soon, and so that it can be stopped."""
+"""The renderer of pictures in files: it draws as a view does, is fast, and can be stopped."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_one_picture_of_a_live_view_is_red_where_the_map_folds(session: Session)
 
 
 class Cell:
-    """What IPython knows while a cell runs, of which ``runs_for_later_readers`` sees the request."""
+    """State of IPython while a cell runs, of which ``runs_for_later_readers`` sees the request."""
 
     def __init__(self, **content: object) -> None:
         self.kernel = self

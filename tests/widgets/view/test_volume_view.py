@@ -532,7 +532,7 @@ def test_where_folds_are_not_shown_it_is_said(open_view: Any) -> None:
     view = open_view(method="core")
     view.show_deformation(folding(12.0))
     view.still((64, 48))
-    assert view.pictures.badge == "the map folds; this way of drawing does not show where"
+    assert view.pictures.badge == "the map folds; this renderer does not show where"
     view.show_folds = False
     view.still((64, 48))
     assert view.pictures.badge == ""

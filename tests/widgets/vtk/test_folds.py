@@ -110,7 +110,7 @@ def red(image: Any, by: int = 25) -> NDArray[np.bool_]:
 
 
 def places(depth: float = 0.0) -> NDArray[np.float64]:
-    """What each pixel looks at in space, as deep behind the middle of the volume as that."""
+    """Place in space that each pixel shows, at this depth behind the middle of the volume."""
     step = visible_height(GRID, FACING["direction"], FACING["up"], SIZE[0] / SIZE[1]) / SIZE[1]
     a, b = np.meshgrid(*((np.arange(n) + 0.5 - n / 2) * step for n in SIZE))
     return Plane.from_normal(GRID.center, PLANE.normal, FACING["up"]).from_plane(

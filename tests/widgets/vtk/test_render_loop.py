@@ -1,4 +1,4 @@
-"""When a scene is drawn: the newest of all changes, quick and then full pictures, error messages. No VTK."""
+"""The loop that draws a scene: the newest of all changes, quick and then full pictures, error messages. No VTK."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ class AnimationPanel(Panel):
         )
         self._update = self._button(
             "Update",
-            "The chosen key frame becomes what the document is now",
+            "The chosen key frame becomes the current document",
             "update a key frame",
             lambda d: key_frames.update_key(d, self._chosen),
         )
@@ -121,7 +121,7 @@ class AnimationPanel(Panel):
         )
         self._here = self._button(
             "Edit this moment",
-            "The document becomes what the player shows, to be edited",
+            "The document becomes the moment that the player shows, to be edited",
             "go to a moment",
             self._take_moment,
         )
@@ -170,7 +170,7 @@ class AnimationPanel(Panel):
         self._go(self._chosen)
         document = self.session.editing.deformation
         added, following = document.keyframes[self._chosen].time, key_frames.free_time(document)
-        play = " Or play what is there." if len(document.keyframes) > 1 else ""
+        play = " Or play the present ones." if len(document.keyframes) > 1 else ""
         self.session.editing.notice = (
             f"Key frame {self._chosen + 1} is at {added:.4g} s. Drag on and press \u201cAdd key "
             f"frame\u201d again for the next, at {following:.4g} s.{play}"
@@ -284,12 +284,12 @@ class MovieControls:
             "fps": {"width": "130px"},
             "name": {"flex": "1 1 120px", "min_width": "80px", "max_width": "260px"},
         }
-        self.kind = basic.Dropdown(options=list(_KINDS.items()), layout=layouts["kind"], tooltip="What is written")
+        self.kind = basic.Dropdown(options=list(_KINDS.items()), layout=layouts["kind"], tooltip="Kind of file")
         self.name = basic.Text(
             value="animation.mp4",
             layout=layouts["name"],
             placeholder="file name",
-            tooltip="In the folder of the notebook; pictures get one of their own",
+            tooltip="In the folder of the notebook; pictures get a separate one",
         )
         self.fps = basic.BoundedFloatText(
             value=24,
@@ -353,7 +353,7 @@ class MovieControls:
             self.arrange(self._has_keys)
 
     def _write_frames(self, path: Path, frozen: Frozen, fps: float, *, by_page: bool) -> str:
-        """Write the movie; returns a note if the front end could not draw it, and Python has drawn all of it anew."""
+        """Write the movie; returns a note if the front end could not draw it, so that Python has drawn it."""
         note = ""
         if by_page:
             of_page = replace(frozen, seen=replace(frozen.seen, scene=self._view.page_scene))

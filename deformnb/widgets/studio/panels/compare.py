@@ -56,7 +56,7 @@ class ComparePanel(Panel):
         self._name: ipw.HTML | None = None  # of the second volume, over its view
         self._line = basic.HTML()
         chooser = menu(
-            "Show beside",
+            "Show side by side",
             self.chosen.choices(),
             "Another volume of the folder, or the result of another session; both turn together",
         )

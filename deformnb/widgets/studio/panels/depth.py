@@ -17,11 +17,11 @@ from deformnb.widgets.studio.controls import Guard, Panel, prose, widget_of
 HINTS = {
     "replicate": "Every slice behind the picture is deformed like the picture.",
     "modulate": "The picture shows the displacement where f is 1; at other depths it is f times as much.",
-    "interpolate": "Each key has points of its own, which the picture shows; between two keys they are blended.",
+    "interpolate": "Each key has separate points, which the picture shows; between two keys they are blended.",
 }
 """Hints on the effect of each rule on a picture's step."""
 
-_OF_ANOTHER = "A rule of extrusion of its own, with nothing to set here."
+_OF_ANOTHER = "A special rule of extrusion, with nothing to set here."
 _IN_SPACE = "Points in space have their own depth: there is nothing to extrude."
 
 Preview = Callable[[Step | None], None]

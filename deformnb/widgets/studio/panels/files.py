@@ -2,8 +2,8 @@
 
 The box of the result is set here too: as the volume, with a margin, or as large as the deformed foreground needs.
 Foreground that is dragged out of the box is cut off everywhere: in the view, in the result, in every written file. So
-after each edit the studio's thread checks for that, makes the box anew if it shall be as large as needed, and warns
-otherwise: below the picture, for that is where it is seen, with a button that makes the box larger.
+after each edit the studio's thread checks for that, makes the box again if it shall be as large as needed, and warns
+otherwise: below the picture, where the user sees it, with a button that makes the box larger.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class FilesPanel(Panel):
             for name, e in EXPORTS.items()
         ]  # not the name of the scan itself
         kinds.append(("Web page that deforms (.html)", f"{stem}.html"))
-        self.kind = basic.Dropdown(options=kinds, layout=basic.layout(width="240px"), tooltip="What is written")
+        self.kind = basic.Dropdown(options=kinds, layout=basic.layout(width="240px"), tooltip="Kind of file")
         self.name = basic.Text(
             value=kinds[0][1],
             layout=basic.layout(flex="1 1 120px", min_width="80px"),
@@ -87,11 +87,11 @@ class FilesPanel(Panel):
             "Write", "Write it into the folder of the notebook", lambda: self._start(False)
         )
         self.download = self._action_button(
-            "Download", "Write it and hand it to the browser", lambda: self._start(True)
+            "Download", "Write it and download it in the browser", lambda: self._start(True)
         )
         whole = self._action_button(
             "Export at full resolution",
-            "Deform the finest level of the pyramid block by block, into an OME-Zarr folder beside the notebook",
+            "Deform the finest level of the pyramid block by block, into an OME-Zarr folder next to the notebook",
             self._choose_folder_format,
         )
         self.level = row(
@@ -190,8 +190,8 @@ class PageOptions:
             rows=3,
             layout=whole,
             continuous_update=False,
-            placeholder="What a reader of the page is to look at or to try",
-            tooltip="Stands under the title of the web page",
+            placeholder="Instructions for readers of the page",
+            tooltip="Text under the title of the web page",
         )
         self.controls = {
             name: basic.Checkbox(
@@ -242,7 +242,7 @@ class FileWriting:
         self._idle()
 
     def ask(self, text: str, job: Job) -> None:
-        """Ask before a job that writes over a file."""
+        """Ask the user before a job that writes over a file."""
         over = Job(job.path, job.frozen, job.downloads, page=job.page, overwrite=True)
         self.question.ask(text, "Write over it", lambda: self.begin(over))
 
@@ -294,7 +294,7 @@ class FileWriting:
                     self.message.value = ", ".join(w for w in (f"Writing {job.path.name} ... {share:.0%}", left) if w)
 
     def _cancel(self) -> None:
-        """Free the panel immediately, whatever the thread does: it may check for an end late, and ends by itself."""
+        """Free the panel immediately; the thread may notice the cancellation late, and ends then."""
         job = self._job
         if job is not None and job.cancel():
             self._thread.close(0)
@@ -398,7 +398,7 @@ def _size(path: Path) -> str:
 CHOICES = {"as the volume": "volume", "as large as needed": "needed", "with a margin": "margin"}
 """Choices of the result's box, as labels and names."""
 
-_OWN = ("a box of its own", "own")  # set by code
+_OWN = ("custom", "own")  # set by code
 
 LARGER = ("Make the box larger", "As large as needed, now and after every edit: then nothing is cut off")
 """The remedy next to the warning: its name and its action."""
@@ -518,7 +518,7 @@ class ResultBox(Panel):
             menu(
                 "Result box",
                 self._options(),
-                "What can be seen, and what the result holds: tissue dragged out of this box is cut off",
+                "The visible part, and the grid of the result: tissue dragged out of this box is cut off",
                 wide(max_width="280px"),
             ),
             self._current_choice,

@@ -147,7 +147,7 @@ class LabelChooser(Panel):
         labels = labels.to_unit(self.session.editing.grid.unit)
         if not labels.grid.overlaps(self.session.volume.grid):
             raise DeformError(
-                f"{name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
+                f"{name} is at another place in space than {self.session.volume.name or 'the volume'}: "
                 "open the labels of this scan."
             )
         self._show(labels, names or self._table)

@@ -51,9 +51,7 @@ class LandmarkFiles:
             layout=basic.layout(width="auto"),
             tooltip=f"{pairs} hold where the points were dragged too, the others hold places only",
         )
-        self.save = button(
-            "Save landmarks", "Hand the points to the browser's downloads", lambda: guard(self._download)
-        )
+        self.save = button("Save landmarks", "Download the points in the browser", lambda: guard(self._download))
         self.file_transfer = FileTransfer()
         self.box = row(self.upload, self.save, self.kind, self.file_transfer)
 

@@ -1,4 +1,4 @@
-"""Files that are dropped on the studio or chosen under "Open": the name and the contents choose what becomes of them.
+"""Files that are dropped on the studio or chosen under "Open": the name and the contents determine their use.
 
 Landmarks become points, a session replaces the one that is open, a label volume shows its labels under "Rigid parts and
 cuts", and a table of names becomes those of the labels. Any other volume can take the place of the one that is open,
@@ -92,7 +92,7 @@ class OpenPanel(Panel):
         if session.volume.is_undecided:
             name = session.volume.name or "this volume"
             self.question.ask(
-                f"The voxels of {name} look like labels. Keep each number as it is, or blend them as amounts?",
+                f"The voxels of {name} look like labels. Preserve each number, or blend them as amounts?",
                 "They are labels",
                 lambda: decide_labels(True),
                 {"They are amounts": lambda: decide_labels(False)},
@@ -136,7 +136,7 @@ class OpenPanel(Panel):
         kept = f" The edits of {present} stay under History." if self.session.editing.history.get("undo") else ""
         answers: dict[str, Callable[[], None]] = {
             "Open": lambda: self._open_volume(subject),
-            "Show beside": lambda: self._show_second(path.name, volume),
+            "Show side by side": lambda: self._show_second(path.name, volume),
             "Match to it": lambda: self._take_target(path.name, volume),
             "Use as labels": lambda: self._take_labels(path.name, volume, names),
         }
@@ -153,7 +153,9 @@ class OpenPanel(Panel):
     def _show_second(self, name: str, volume: Volume) -> None:
         self.compare.panel.take(volume)
         self.compare.reveal()
-        self.session.editing.notice = f'{name} stands beside; "Second volume" under View chooses another one, or none.'
+        self.session.editing.notice = (
+            f'{name} is shown side by side; "Second volume" under View chooses another one, or none.'
+        )
 
     def _take_target(self, name: str, volume: Volume) -> None:
         self._fit.panel.take(volume)

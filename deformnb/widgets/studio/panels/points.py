@@ -235,7 +235,7 @@ def _parse(text: str, what: str) -> float:
 def _free(points: ControlPoints, ids: list[int], what: str) -> list[int]:
     free = [i for i in ids if not points.locked[points.index(i)]]
     if not free:
-        raise DeformError(f"what is selected is locked; unlock it to {what} it.")
+        raise DeformError(f"the selection is locked; unlock it to {what} it.")
     return free
 
 

@@ -56,7 +56,7 @@ def grey_pair(
 
 
 def ghost(moving: Picture, fixed: Picture) -> NDArray[np.uint8]:
-    """The fixed picture on the pixels of the moving one, (nv, nu, 3): laid over an editor it fills the same box."""
+    """The fixed picture on the pixels of the moving one, (nv, nu, 3), which fills the box of an editor."""
     grey = (GreyImage.of(fixed).at(moving.raster.points()) * 255 + 0.5).astype(np.uint8)
     return np.repeat(grey[..., None], 3, axis=2)
 
@@ -77,9 +77,9 @@ _MEASURES = {
     "ssd": "Squared difference (one grey scale)",
     "mi": "Mutual information (any grey scale)",
 }
-_HINT = "Choose what the volume shall look like. Lock points where the picture shows nothing to go by."
-_SNAP_TIP = "Each selected point goes to the place in the target that looks like its surroundings"
-_ALONG_TIP = "New points on the outline of the subject, which go to the target's outline"
+_HINT = "Choose the target of the volume. Lock points where the picture has no features."
+_SNAP_TIP = "Each selected point moves to the place in the target that matches its surroundings"
+_ALONG_TIP = "New points on the outline of the subject, which move to the target's outline"
 _SLIDE_TIP = (
     "The selected points, or all that were put on the outline, slide along the target's outline to where the "
     "map bends least"
@@ -131,7 +131,7 @@ class FitPreview:
         self._laid_over: tuple[Any, ...] = ()
         wide = basic.layout(flex="1 1 240px", max_width="420px")
         self.over = slider(
-            "Overlay", 0.0, 1.0, 0.02, "The target laid over the picture that is edited; 0 not at all", layout=wide
+            "Overlay", 0.0, 1.0, 0.02, "Opacity of the target over the edited picture; 0 hides it", layout=wide
         )
         self.blend = slider(
             "Blend", 0.0, 1.0, 0.02, "Left: 0 the volume as it is deformed now, 1 the target", layout=wide
@@ -185,7 +185,7 @@ class FitPanel(Panel):
             description="Target",
             style=WHOLE_DESCRIPTION,
             layout=basic.layout(flex="1 1 260px", max_width="420px"),
-            tooltip="What the volume shall look like: another volume, or a saved session",
+            tooltip="Target: another volume, or a saved session",
         )
         if target is not None:
             self.target.choose(GIVEN)
@@ -196,7 +196,7 @@ class FitPanel(Panel):
             style=WHOLE_DESCRIPTION,
             description="Measure",
             layout=basic.layout(flex="1 1 260px", max_width="420px"),
-            tooltip="What counts as alike",
+            tooltip="Similarity measure",
         )
         self.stiffness = basic.FloatLogSlider(
             min=-4,
@@ -238,7 +238,7 @@ class FitPanel(Panel):
     def _works(self) -> dict[str, tuple[str, Work]]:
         return {
             "Snap selected points": (_SNAP_TIP, self._snap),
-            "Fit all points": ("All points that are not locked are moved so that the pictures look alike", self._fit),
+            "Fit all points": ("Move all points that are not locked so that the pictures match", self._fit),
             "Points along the outline": (_ALONG_TIP, self._fit_outlines),
             "Slide along the outline": (_SLIDE_TIP, self._slide),
         }
@@ -373,7 +373,7 @@ class FitPanel(Panel):
         if any(part.enabled for part in step.parts) or any(cut.enabled for cut in step.cuts):
             raise DeformError(
                 "cuts and rigid parts are not known to the fit of all points; switch them off, or snap "
-                "single points, which works beside them."
+                "single points, which works with them."
             )
         moving, fixed = self.target.pair()
         start = time.perf_counter()
@@ -393,7 +393,7 @@ class FitPanel(Panel):
         if not ids:
             raise DeformError(
                 "no point is on the outline yet: press \u201cPoints along the outline\u201d, or select "
-                "points that lie on it."
+                "points that are on it."
             )
         found = slide(points, [self._outline(self.target.pair()[1])], ids=ids, progress=self._advance)
         return found.points, f"{len(found.ids)} points slid. {_bending_text(found.energy)}"

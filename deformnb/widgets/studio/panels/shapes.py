@@ -110,8 +110,7 @@ def edit_parts(
             raise
         editor.propose(parts, label)
         raise DeformError(
-            "control points in a rigid part require another movement than the part's: the picture asks "
-            "what becomes of them."
+            "control points in a rigid part require another movement than the part's: the user decides about them."
         ) from None
 
 
@@ -134,7 +133,7 @@ class PartControls(Panel):
             menu(
                 "Part",
                 [(text, name) for name, text in _STATES.items()],
-                "A part that is moved turns and shifts as a whole; what is around it bends",
+                "A part that is moved rotates and shifts as a whole; the tissue around it bends",
             ),
             lambda: "fixed" if self.part is None or self.part.motion is None else "moved",
             self._set_state,
@@ -307,8 +306,8 @@ _ENDS = {
 
 _KINDS = {"half_space": "all on one side", "polygon": "closed line", "line": "line", "mask": "mask"}
 _EMPTY = (
-    "Nothing yet. A cut lets the two sides of a line move on their own: draw it across the picture, then drag a "
-    "point on each side. A rigid part keeps its form: draw around it."
+    "Nothing yet. A cut lets the two sides of a line move separately: draw it across the picture, then drag a "
+    "point on each side. A rigid part stays undeformed: draw around it."
 )
 _EMPTY_SPACE = (
     "Nothing yet. In space a part or a cut is a fixed side, a label, or made in Python: "
@@ -378,7 +377,7 @@ class ShapesPanel(Panel):
             ),
             button(
                 "Draw rigid part",
-                "Draw around what must keep its form",
+                "Draw around the tissue that stays rigid",
                 lambda: self.guard(lambda: self._editor.draw("part")),
             ),
         ]

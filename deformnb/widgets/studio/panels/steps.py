@@ -25,10 +25,10 @@ from deformnb.widgets.studio.history_labels import go_to, history_rows
 """Labels of the compositions of steps."""
 
 _HINTS = {
-    "compose": "Each step deforms what those above it have made.",
-    "blend": "All steps pull at the volume at once; their order does not matter.",
+    "compose": "Each step deforms the result of the steps above it.",
+    "blend": "The displacements of all steps are added; their order does not matter.",
 }
-_ALONE = "To go on from another side, choose it over the picture: a second step begins by itself."
+_ALONE = "To continue from another side, choose it over the picture: a second step begins automatically."
 
 
 class StepsPanel(Panel):
@@ -97,7 +97,7 @@ def shapes_words(step: Step) -> str:
     return ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts if count)
 
 
-_HINT = "Click on a state to go there. An edit after an undo begins a branch; what was undone stays, indented."
+_HINT = "Click on a state to go there. An edit after an undo begins a branch; undone states stay, indented."
 
 
 class HistoryPanel(Panel):

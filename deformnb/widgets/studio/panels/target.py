@@ -114,7 +114,7 @@ def _align_target(target: Volume, volume: Volume) -> tuple[Volume, str]:
     x, y, z = (np.asarray(target.grid.origin) + shift).tolist()
     return (
         replace(target, grid=replace(target.grid, origin=(x, y, z))),
-        "The target lies elsewhere in space; it was laid middle on middle.",
+        "The target is at another place in space; it was moved so that the middles coincide.",
     )
 
 

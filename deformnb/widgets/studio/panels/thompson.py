@@ -111,7 +111,7 @@ class ThompsonPanel(Panel):
             layout=basic.layout(flex="1 1 200px", width="auto", min_width="0", max_width="320px"),
         )
         traitlets.link((self.editor, "density"), (lines, "value"))
-        overlay = menu("Overlay", _OVERLAYS, "What is laid over the deformed picture")
+        overlay = menu("Overlay", _OVERLAYS, "Overlay on the deformed picture")
         traitlets.link((self.editor, "overlay"), (overlay, "value"))
         self.magnify = self.add(
             slider("Magnify", -1.0, 3.0, 0.01, "0 the original, 1 as drawn, 2 exaggerated, -1 the opposite way"),
@@ -238,7 +238,7 @@ class OwnGrids:
         self.toggle = basic.ToggleButton(
             description="Own drawings",
             layout=basic.layout(width="auto"),
-            tooltip="A grid of your own on this picture, and one on a second drawing",
+            tooltip="A custom grid on this picture, and one on a second drawing",
         )
         self.toggle.observe(lambda change: guard(lambda: self._show(change["new"])), "value")
 
@@ -270,7 +270,7 @@ class OwnGrids:
             )
         grids = self.drawings.map()
         rows = grids.source_nodes.reshape(-1, 2), grids.target_nodes.reshape(-1, 2)
-        self._session.editing.edit_points(ControlPoints.from_arrays(*rows), "apply grids of your own")
+        self._session.editing.edit_points(ControlPoints.from_arrays(*rows), "apply custom grids")
 
 
 class GridFigure:
@@ -299,7 +299,7 @@ class GridFigure:
             tooltip="File name, without its end",
         )
         self.downloads = basic.Checkbox(
-            description="hand it to the browser too", indent=False, layout=basic.layout(width="auto")
+            description="download it in the browser too", indent=False, layout=basic.layout(width="auto")
         )
         self.file_transfer = FileTransfer()
         self.writers = [

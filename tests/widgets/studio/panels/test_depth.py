@@ -38,7 +38,7 @@ class View:
         self.followed.append(None)
 
     def moves(self, grid: Any) -> Any:
-        """How far the middle of every slice moves along the picture, of the field shown last."""
+        """Displacement of the middle of every slice along the picture, of the field shown last."""
         middle = (np.asarray(grid.shape[::-1]) - 1) / 2
         at = np.array([[middle[0], k, middle[2]] for k in range(grid.shape[1])])
         return np.linalg.norm(self.fields[-1](grid.index_to_point(at)), axis=-1)

@@ -160,10 +160,10 @@ def test_a_box_that_was_given_by_code_is_shown_as_such(box: ResultBox) -> None:
     box.session.editing.output = box.session.volume.grid.resampled(spacing=1.0)
     looked(box)
     assert box.choice.value == "own"
-    assert ("a box of its own", "own") in box.choice.options
+    assert ("custom", "own") in box.choice.options
     box.choice.value = "volume"
     refresh(box)
-    assert ("a box of its own", "own") not in box.choice.options
+    assert ("custom", "own") not in box.choice.options
 
 
 @pytest.mark.parametrize("kind", ["live", "vtk"])

@@ -69,7 +69,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     assert "other.nrrd is the target" in studio.parts.words.notice.value
     np.testing.assert_array_equal(fit.target.volume.values, grey)
     drop(tmp_path / "other.nrrd")
-    answer(opening, "Show beside")
+    answer(opening, "Show side by side")
     studio.wait()
     np.testing.assert_array_equal(opening.compare.panel.chosen.volume.values, grey)
     drop(tmp_path / "other.nrrd")

@@ -160,7 +160,7 @@ def test_a_part_set_over_points_is_proposed_to_the_picture_which_asks() -> None:
     found = {c.widget.description: c.widget for c in PartControls(session, guard, lambda: 0, editor).controls}
     found["Shift right"].value = 3.0
     assert session.editing.step.parts == (bone,)
-    assert "the picture asks what becomes of them" in refused[0]
+    assert "the user decides about them" in refused[0]
     assert [(m["type"], m["kind"], m["parts"][0]["motion"]["shift"]) for m in sent] == [
         ("parts", "shift shin", [3.0, 0.0])
     ]

@@ -227,7 +227,7 @@ def test_grids_on_two_drawings_become_points_that_can_be_undone(panel: ThompsonP
     panel.own.drawings.second.nodes = wider
     panel.own.apply()
     assert len(panel.session.editing.points) == 3 * 7
-    assert panel.session.editing.history["undo"] == "apply grids of your own"
+    assert panel.session.editing.history["undo"] == "apply custom grids"
     target = panel.session.editing.points.target.reshape(3, 7, 2)
     assert np.ptp(target[..., 0]) / np.ptp(target[..., 1]) == pytest.approx(
         np.ptp(wider[..., 0]) / np.ptp(wider[..., 1]), rel=1e-6
