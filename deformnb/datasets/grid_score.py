@@ -49,7 +49,7 @@ class GridScore:
 
     @property
     def percent(self) -> float:
-        """The way done: 100 at Thompson's nodes, 0 without a deformation, negative for one that leads away."""
+        """Progress in percent: 100 at Thompson's nodes, 0 without a deformation, negative for one that leads away."""
         return float(100 * (1 - self.distances.mean() / self.before.mean()))
 
     @property

@@ -281,7 +281,7 @@ def load(name: str, *, progress: bool | Progress | None = None, folder: str | os
 def find(
     name: str, shape: tuple[int, int, int] | None = None, *, folder: str | os.PathLike[str] | None = None
 ) -> tuple[Volume, bool]:
-    """A real volume where it can be had, else its phantom, and one printed line that names it.
+    """A real volume if it is available, else its phantom; prints which.
 
     The file in the folder is taken, else it is downloaded (with a bar in a terminal and in a notebook). Without a
     network, and for a row without an address, it is the phantom.
@@ -331,7 +331,7 @@ def find(
 
 
 def credits() -> str:  # noqa: A001 (the word users look for; the module never needs the builtin of the same name)
-    """Whom to thank for which volume, one paragraph each.
+    """Acknowledgements of the volumes, one paragraph each.
 
     Examples
     --------

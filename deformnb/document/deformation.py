@@ -617,7 +617,7 @@ class Deformation:
         return cls((Step((as_control_points(points),), None, **options),))
 
     def then(self, following: Step | Deformation) -> Deformation:
-        """One more step at the end, or all steps of another deformation.
+        """Append one step, or all steps of another deformation.
 
         Parameters
         ----------
@@ -659,13 +659,13 @@ class Deformation:
         )
 
     def with_step(self, index: int, step: Step) -> Deformation:
-        """Another step in the place of an old one."""
+        """Replace a step by another one."""
         self._check(index)
         return replace(self, steps=(*self.steps[:index], step, *self.steps[index + 1 :]))
 
     @check_arguments
     def without_step(self, index: int) -> Deformation:
-        """One step less."""
+        """Remove a step."""
         self._check(index)
         return replace(self, steps=(*self.steps[:index], *self.steps[index + 1 :]))
 

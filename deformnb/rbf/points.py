@@ -379,7 +379,7 @@ class ControlPoints:
         return replace(self, **changed)
 
     def remove(self, *points: int) -> ControlPoints:
-        """Without the points of these ids; the other ids stay as they are."""
+        """The set without the points of these ids; the other ids stay as they are."""
         gone = {self.index(p) for p in points}
         return self.take([k for k in range(len(self)) if k not in gone])
 

@@ -67,7 +67,7 @@ class _Snapshot(NamedTuple):
 
 
 class Autosave:
-    """Writes a session after each edit.
+    """Writer of a session after each edit.
 
     Parameters
     ----------

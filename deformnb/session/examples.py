@@ -107,7 +107,7 @@ EXAMPLES: dict[str, Example] = {
 
 
 def apply_example(session: Session, name: str) -> None:
-    """Put an example in the place of the step that is edited; one undo takes it back.
+    """Replace the step that is edited by an example, as one edit.
 
     Raises
     ------

@@ -259,7 +259,7 @@ class Plane:
         return float(c.min()), float(c.max())
 
     def slices(self, grid: Grid | VolumeLike) -> Slices:
-        """The slices of ``grid`` along the normal: its layers of voxels; aslant as near as the smallest voxel size.
+        """The slices of ``grid`` along the normal: its layers of voxels; oblique ones at the smallest voxel size.
 
         Examples
         --------

@@ -70,8 +70,8 @@ def scene_of(view: LiveView, size: tuple[int, int] = SIZE) -> PageScene:
 
 def test_a_frame_is_the_screenshot_of_its_moment_whatever_is_done_to_the_view(page: LivePage) -> None:
     view = open_view(page)
-    assert view.has_page()
-    assert not view.has_page(by_card=True)  # these tests draw without one
+    assert view.has_client()
+    assert not view.has_client(by_card=True)  # these tests draw without one
     pictures = []
     for by in (0.0, 6.0):
         view.show_deformation(bent(by))

@@ -305,7 +305,7 @@ class Editor(EditedPoints):
                 setattr(self, name, value)
 
     def fit(self) -> AbstractField:
-        """The fit of the points as the core makes it: the displacement that the front end shows.
+        """The fit of the points in Python: the displacement that the front end shows.
 
         An :class:`~deformnb.rbf.interpolant.RBFInterpolant`, with rigid parts a
         :class:`~deformnb.rbf.rigid.RigidInterpolant`, in stages a :class:`~deformnb.rbf.stages.Staged`, with cuts a

@@ -245,7 +245,7 @@ class SpaceEditor(EditedPoints):
         self.sender.is_moving = True
         self.before = field
 
-    def set_look(self, window: tuple[float, float] | None, colour_map: str) -> None:
+    def set_display(self, window: tuple[float, float] | None, colour_map: str) -> None:
         """Show other values as black and white, None for the default, and slices in a colour map."""
         with self._lock:
             made = self._pictures
@@ -265,7 +265,7 @@ class SpaceEditor(EditedPoints):
         self.revision += 1
 
     def fit(self) -> AbstractField:
-        """The backward displacement of the points as the core makes it, without the deformation before.
+        """The backward displacement of the points, without the deformation before.
 
         Raises
         ------

@@ -313,7 +313,7 @@ class StudioPicture:
             self.ways_on.children = (
                 basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0")),
                 button("Try again", "Make the picture once more", again),
-                button("Undo", "Take back the last edit", self._undo),
+                button("Undo", "Undo the last edit", self._undo),
             )
         if self.ways_on.children:
             self.ways_on.children[0].value = as_html(reason, is_error=True)

@@ -92,7 +92,7 @@ class StudioSlices:
     def _follow(self) -> None:
         session, widget = self._session, self._widget
         assert widget is not None
-        widget.set_look(session.pictures.window or self._window, session.pictures.colour_map)
+        widget.set_display(session.pictures.window or self._window, session.pictures.colour_map)
         widget.before = session.results.field()
 
     def _has_slice(self) -> bool:

@@ -460,7 +460,7 @@ class Studio(Boxes):
         return self.session.results.volume(progress)
 
     def undo(self) -> None:
-        """Take back the last edit."""
+        """Undo the last edit."""
         self.parts.edits.travel("undo")
 
     def redo(self) -> None:

@@ -193,7 +193,7 @@ class AbstractView(ABC):
 
     @abstractmethod
     def still(self, size: tuple[int, int] | None = None) -> Image:
-        """The same picture rendered by the core, immediately and without a screen, (height, width, 3)."""
+        """The same picture by the ray caster in Python, immediately and without a screen, (height, width, 3)."""
 
     @abstractmethod
     def stats(self) -> dict[str, Any]:

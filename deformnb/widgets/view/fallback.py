@@ -138,7 +138,7 @@ class FallbackHost:
                 self._player.sync_ms = min(self._player.sync_ms, _PLAYED_MS)
                 self._player.observe(self._played, "time")
 
-    def set_look(self, change: Any) -> None:
+    def set_display(self, change: Any) -> None:
         """Take a trait of :data:`SHARED` of the view that has changed."""
         if self._view is not None:
             self._view.set_trait(change["name"], change["new"])

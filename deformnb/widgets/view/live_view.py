@@ -189,7 +189,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._preview: tuple[SceneDescription, bytes] | None = None
         self._sharpener: threading.Timer | None = None
         super().__init__(**traits)
-        self.observe(self._fallback.set_look, SHARED)
+        self.observe(self._fallback.set_display, SHARED)
         if volume is not None:
             self.show(volume)
         close_earlier_of_this_cell(self)
@@ -333,7 +333,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """Moments that a player goes through now, if any."""
         return self.fields.shown.moments
 
-    def is_moved_in_page(self, sender: str) -> bool:
+    def is_moved_in_client(self, sender: str) -> bool:
         is_moved = self.fields.moves_points and self._front_ends.has_window_of(sender)
         return is_moved and not self._fallback.is_running
 
@@ -439,7 +439,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         png = await self._screenshots.request(timeout)
         return self.still() if png is None else from_png(png)
 
-    def has_page(self, *, by_card: bool = False) -> bool:
+    def has_client(self, *, by_card: bool = False) -> bool:
         """Check whether a client shows this view and draws it itself; ``by_card``: by a graphics card."""
         return self._front_ends.newest_renderer(by_card=by_card) is not None
 

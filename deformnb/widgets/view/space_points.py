@@ -48,7 +48,7 @@ class ShowsPoints(traitlets.HasTraits):
         """The grid whose box is seen, None for that of the volume."""
         return None
 
-    def is_moved_in_page(self, sender: str) -> bool:
+    def is_moved_in_client(self, sender: str) -> bool:
         """Check whether the front end in the window of this sender of edits makes the displacement of moving points."""
         return False
 
@@ -99,7 +99,7 @@ class ShowsPoints(traitlets.HasTraits):
 
     def _show_moved(self, make: FieldOf, edit: PointsEdit) -> None:
         """Show a movement; the end of an edit arrives as a change of the points."""
-        if edit.phase == "move" and not self.is_moved_in_page(edit.sender):
+        if edit.phase == "move" and not self.is_moved_in_client(edit.sender):
             self._show_points(make, edit.points, edit.phase)
 
     def _show_points(self, make: FieldOf, points: ControlPoints, phase: str) -> None:

@@ -1,4 +1,4 @@
-"""Still pictures of a view, rendered by the core: for browsers without WebGL2, for scripts and for tests.
+"""Still pictures of a view by the ray caster in Python: for browsers without WebGL2, for scripts and for tests.
 
 A still is also the picture that a widget leaves in a notebook, for GitHub, nbviewer and PDF, where no front end runs.
 For machines without OpenGL there is a scene that the package itself draws, and the choice between it and VTK's.
@@ -197,19 +197,19 @@ def preview_png(scene: SceneDescription) -> bytes:
     return as_png(np.asarray(canvas))
 
 
-# Voxels and pixels of a quick picture: the core takes some 0.2 s for them. Always the same, for it compiles for each.
+# Voxels and pixels of a quick picture: the ray caster takes some 0.2 s. Always the same, for it compiles for each.
 _QUICK_VOXELS = 96**3
 _QUICK_SHARE = 0.35
 
 _LIMIT, _LARGEST = MOST_VOXELS_SENT, 2048
 
-# A still of 1600 x 1200 takes the core 1 s for 96^3 voxels, and VTK without a GPU 5 s and 10 s more for its
-# shader. The core's time grows with the voxels, that of VTK with the pixels.
+# A still of 1600 x 1200 takes the ray caster 1 s for 96^3 voxels, and VTK without a GPU 5 s and 10 s more for its
+# shader. The time of the ray caster grows with the voxels, that of VTK with the pixels.
 _MOST_BY_CORE = 160**3
 
 
 class CoreScene:
-    """One volume as the core draws it; parameters and methods are those of ``VtkScene``."""
+    """One volume as the ray caster draws it; parameters and methods are those of ``VtkScene``."""
 
     path = "core"
 
@@ -372,7 +372,7 @@ def display_scene(
 class StillAsSeen:
     """One picture of a volume as a view shows it that does not draw by VTK; soon there without a GPU too.
 
-    The core draws it, but for large volumes and where tissue is red because it folds, which the core does not show.
+    The ray caster draws it, except large volumes and folds in red, which it does not show.
     Parameters are those of :func:`display_scene`.
     """
 

@@ -2,7 +2,7 @@
 
 All calls must come from one thread, which OpenGL requires (see :mod:`~deformnb.widgets.worker`). The voxels go
 to the GPU once. An edit sends maps of displacements, which VTK's shader samples at every step; where this version
-of VTK cannot, the core warps the voxels and they are written over the old ones in place.
+of VTK cannot, the voxels are warped in Python and are written over the old ones in place.
 
 The scene draws in a :class:`~deformnb.imaging.vtk_volume.VolumeWindow`, as stills and movies do, and adds what is
 interactive: the deformation in the shader, the box, the visible part and folds. It takes from a volume its voxels
@@ -602,7 +602,7 @@ class VtkScene:
 
 @cache
 def texture_works() -> bool:
-    """Check that VTK's shader deforms as the core does: a small volume is drawn by both and compared, once a process.
+    """Check that VTK's shader deforms as Python does: a small volume is drawn by both and compared, once a process.
 
     Call it in the thread that renders. VTK's message about a shader that it cannot compile is not shown.
     """

@@ -44,7 +44,7 @@ class GridDrawingView extends InputView {
     this.lines = svgElement("path", { class: "dnb-gd-line", "aria-hidden": "true" }, this.svg);
     this.nodes = svgElement("g", {}, this.svg);
     const bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
-    this.undo = this.wordButton(bar, "Undo", "Take back the last drag (Ctrl+Z)", () => this.undoDrag());
+    this.undo = this.wordButton(bar, "Undo", "Undo the last drag (Ctrl+Z)", () => this.undoDrag());
     this.spread = this.wordButton(bar, "Spread evenly", "Let all nodes but the corners follow the corners again", () =>
       this.spreadEvenly(),
     );

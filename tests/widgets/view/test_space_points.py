@@ -194,7 +194,7 @@ def test_a_page_in_another_window_gets_every_movement(
     send_points(editor, points.move(0, points.target[0] + np.array([5.0, 0, 0])), "move", 1)
     assert max(fields[-1]["space"]["shape"]) == QUICK_SIZE
     deliver(view, {"type": "bye", "view": "v"})
-    assert not view.is_moved_in_page("another window")
+    assert not view.is_moved_in_client("another window")
 
 
 @pytest.mark.parametrize("kind", ["part", "stages", "before", "many", "document"])

@@ -334,7 +334,7 @@ class MovieControls:
         chosen = self.renderer.value
         if not hasattr(self._view, "page_scene") or chosen == "python":
             return False
-        return chosen == "page" or bool(self._view.has_page(by_card=True))
+        return chosen == "page" or bool(self._view.has_client(by_card=True))
 
     def _do(self, path: Path, frozen: Frozen, fps: float, *, by_page: bool) -> None:
         message = ""
