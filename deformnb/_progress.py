@@ -1,4 +1,4 @@
-"""The time that is left of a piece of work, in words."""
+"""The remaining time of a task, as text."""
 
 from __future__ import annotations
 

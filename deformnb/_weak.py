@@ -10,8 +10,8 @@ from typing import Any
 def weakly(owner: Any, method: Callable[..., Any], is_open: Callable[[Any], bool] | None = None) -> Callable[..., None]:
     """A callback ``method(owner, ...)`` that does not keep its owner alive.
 
-    It does nothing once the owner is gone, or no longer open where ``is_open`` is given: threads, timers and observers
-    that hold it must not keep an unused session or view alive.
+    It does nothing once the owner is deleted, or no longer open where ``is_open`` is given: threads, timers and
+    observers that hold it must not keep an unused session or view alive.
     """
     reference = weakref.ref(owner)
 

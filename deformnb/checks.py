@@ -85,7 +85,7 @@ def finite_array(value: object, shape: tuple[int, ...], requirement: str) -> NDA
 
     Parameters
     ----------
-    value : what somebody passed.
+    value : the argument that was passed.
     shape : of the array.
     requirement : begins the message: "spacing must be three finite numbers (x, y, z)".
 

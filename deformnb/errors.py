@@ -101,7 +101,7 @@ class OtherVolumeError(DeformError):
 
 
 class MissingPackageError(DeformError, ImportError):
-    """An optional package is not installed; the message names it and the extra that brings it."""
+    """An optional package is not installed; the message names it and the extra that installs it."""
 
 
 class DeformWarning(UserWarning):

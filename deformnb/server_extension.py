@@ -24,7 +24,7 @@ def _jupyter_server_extension_points() -> list[dict[str, str]]:
 
 
 def _load_jupyter_server_extension(app: Any) -> None:
-    """Let the server make prompt connections, unless somebody has chosen a class for them."""
+    """Let the server make prompt connections, unless another class is configured for them."""
     try:
         from jupyter_server.services.kernels.connection.channels import ZMQChannelsWebsocketConnection as Usual
     except ImportError:  # a server before 2.0 has no such setting

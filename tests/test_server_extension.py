@@ -105,7 +105,7 @@ def test_an_older_server_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> No
     app = application(None)
     server_extension._load_jupyter_server_extension(app)
     assert app.web_app.settings == {SETTING: None}
-    assert "cannot send small messages at once" in app.lines[0]
+    assert "cannot send small messages without delay" in app.lines[0]
 
 
 @pytest.mark.parametrize("works", [True, False])

@@ -97,7 +97,7 @@ def fit_quality(
     A point is suspect if the others' prediction misses it by at least half of the distance to the nearest other point,
     and, in units of the others' uncertainty there, by twice the median of all points at least. The one whose
     leaving-out eases the fit most is named and left out, then the rest are checked again, so that the neighbours of a
-    wrong point are not blamed for it. Nobody is blamed where fewer than two points are dragged, or with fewer than
+    wrong point are not marked for it. No point is marked where fewer than two points are dragged, or with fewer than
     dim + 4 points: a long drag among four corners that hold the picture is no mistake. Nor is a point blamed that is
     not dragged and is on the convex hull of all: it fixes the rim, where the others only extrapolate.
 

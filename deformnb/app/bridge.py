@@ -65,7 +65,7 @@ class Bridge:
         self._answered = ""  # id of the message by a page that a widget takes now
         self._lock = threading.RLock()
         self._widgets: dict[str, ipw.Widget] = {}
-        self._closed: set[str] = set()  # a page may still speak to them until it learns that
+        self._closed: set[str] = set()  # a client may still send to them until it has that message
         self._reach(studio)
 
     # -- for the server ------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ A job writes into the folder ``.NAME.unfinished`` next to its target: the pyrami
 everything that determines its voxels, and ``done.txt`` with a line for each finished block: level, number, checksum of
 the stored data, and a checksum of the line itself. A block is on the disk before its line is.
 
-An interrupted job resumes from there and trusts nothing: the content of the folder is removed unless it is a block
+An interrupted job resumes from there and verifies everything: the content of the folder is removed unless it is a block
 with the checksum of its line, or a document of metadata as this job writes it; missing blocks are then computed again.
 A job of another source, deformation or grid is refused. At the end the pyramid gets the name of the target.
 """

@@ -156,7 +156,7 @@ def open_voila(notebook: Path, *options: str) -> None:
     check_lab("voila")
     from voila.app import Voila  # type: ignore[import-untyped]
 
-    # Voila is no Jupyter server by itself: it knows no administrator, and loads no server extension.
+    # Voila alone is no Jupyter server: it has no administrator, and loads no server extension.
     chosen = [option for option in options if option != "--allow-root"]
     quick = "deformnb.server_extension.PromptConnection"
     Voila.launch_instance([str(notebook), *chosen, f"--Voila.kernel_websocket_connection_class={quick}"])

@@ -409,7 +409,7 @@ def _mean(nodes: Floats) -> Floats:
 
 
 def _translation_into_box(nodes: Floats, corner: Floats, size: Floats) -> Floats:
-    """The smallest translation that brings all nodes into a box they fit in."""
+    """The smallest translation that moves all nodes into a box they fit in."""
     flat = nodes.reshape(-1, 2)
     below, above = corner - flat.min(axis=0), corner + size - flat.max(axis=0)
     return np.asarray(np.maximum(below, 0) + np.minimum(above, 0))

@@ -26,7 +26,7 @@ class GridScore:
     Parameters
     ----------
     reached : (rows, columns, 2), where the nodes of the source grid are after the deformation, picture coordinates.
-    missing : (rows, columns, 2), the way from there to the nodes that Thompson drew.
+    missing : (rows, columns, 2), the displacements from there to the nodes that Thompson drew.
     distances : (rows, columns), the length of that way in pixels of the drawing of the first animal.
     before : (rows, columns), the same without any deformation.
 

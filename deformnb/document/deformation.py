@@ -621,7 +621,7 @@ class Deformation:
 
         Parameters
         ----------
-        following : done after this one. A deformation brings its steps, and its ``output`` if it has one; all else
+        following : done after this one. A deformation adds its steps, and its ``output`` if it has one; all else
             (name, volume, how it is played) stays that of this one.
 
         Raises

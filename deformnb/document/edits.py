@@ -1,7 +1,7 @@
 """Edits of a document with their consequences, and edits of its key frames.
 
-A new kernel brings its trend, an extrusion rule its points, a turned picture a new step. Each edit of the key frames
-returns the next document, or refuses with the reason.
+A new kernel sets its trend, an extrusion rule its points, a turned picture begins a new step. Each edit of the key
+frames returns the next document, or refuses with the reason.
 
 A key frame stores the steps of the document as they were when it was made. The document continues: a key frame is
 changed by going to it (:func:`document_at_key`), editing, and storing the result in it (:func:`update_key`).
@@ -51,7 +51,7 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
         fields.setdefault("knots", ())
         fields.setdefault("maps", (points,))
         if any(m != points for m in step.maps):
-            return "The key picture that was being edited stays; undo brings the others back."
+            return "The key picture that was being edited stays; undo restores the others."
     if rule == "modulate" != step.extrusion and step.cuts and step.curve == "z" and "curve" not in fields:
         fields["curve"] = "1-z"  # reversed, a cut would be shut on the side of the viewer
         return "The cut is open in front and closed at the back now: f = 1 - z."
@@ -91,8 +91,8 @@ def turn_picture(
 ) -> tuple[Deformation, int, str]:
     """The document and the step to edit once the picture is turned, and a notice.
 
-    A side that has a step already leads back to it. Else the step being edited is turned if it is as it began, and a
-    new one comes after all others if it is not.
+    For a side that has a step already, that step is selected. Else the step being edited is turned if it is as it
+    began, and a new one comes after all others if it is not.
 
     Parameters
     ----------

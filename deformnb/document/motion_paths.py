@@ -142,7 +142,7 @@ class HandlePath:
 
 
 class _Edges:
-    """Edges between neighbours, each of which turns and becomes longer or shorter by itself.
+    """Edges between neighbours, each of which turns and becomes longer or shorter separately.
 
     Attributes
     ----------
@@ -215,7 +215,7 @@ def _to_space(vectors: Points) -> Points:
 
 
 def _whole_motion(a: Points, b: Points) -> tuple[Points, Points, Points]:
-    """The rigid motion that brings a nearest to b: a fixed place (or the middle), axis times angle, shift along it."""
+    """The rigid motion that maps a nearest to b: a fixed place (or the middle), axis times angle, shift along it."""
     if not len(a):
         return np.zeros(3), np.zeros(3), np.zeros(3)
     before, after = _to_space(a), _to_space(b)
@@ -259,7 +259,7 @@ def _kabsch(sums: Points, prior: Points, dim: int) -> Points:
 
 
 def _unwrap(turns: Points, edges: NDArray[np.int_]) -> Points:
-    """The same rotations, each with the whole turns that bring it nearest to its neighbour's; the least one begins."""
+    """The same rotations, each with the whole turns that make it nearest to its neighbour's; the least one begins."""
     around: list[list[int]] = [[] for _ in turns]
     for i, j in edges.tolist():
         around[i].append(j)
@@ -288,7 +288,7 @@ def _directions(vectors: Points, instead: Points) -> Points:
 
 
 def _shortest_turn(a: Points, b: Points) -> Points:
-    """Axis times angle of the turn that brings each direction of a to that of b."""
+    """Axis times angle of the rotation of each direction of a to that of b."""
     cross, dot = np.cross(a, b), (a * b).sum(axis=1)
     sine = np.linalg.norm(cross, axis=1)
     is_opposite = (sine < 1e-12) & (dot < 0)

@@ -178,7 +178,7 @@ def project_channels(
 
     Parameters
     ----------
-    channels : to project, each by itself.
+    channels : to project, each separately.
     view, method, depth, progress : as of :func:`project`; the method is one of :data:`OF_CHANNELS`.
     displays : colours, windows and visibility, as of :meth:`Channels.composite
         <deformnb.volume.channels.Channels.composite>`.

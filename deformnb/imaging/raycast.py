@@ -3,7 +3,7 @@
 The layers are those that a viewer in front of a plane sees of a volume, one behind the other, clipped and in
 perspective. A perspective needs no separate ray: a layer twice as far from the eye is looked up twice as wide, and
 the parallel composite of these layers is the picture that the eye sees. Most samples of a scan are air, and most rays
-end at a surface: colours, slopes and light are computed for the samples that a ray still sees, and for no others.
+end at a surface: colours, slopes and light are computed for the samples that a ray still reaches, and for no others.
 """
 
 from __future__ import annotations

@@ -160,7 +160,7 @@ def _paper_rule(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[A
 
 
 def _source_rule(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
-    """The rule "source": the tissue brought here, of the region of x first, else of the region that covers most."""
+    """The rule "source": the tissue moved here, of the region of x first, else of the region that covers most."""
     count = len(there)
     choice, best, total = xp.full(still.shape, count, np.int32), still, still
     for k in range(count):

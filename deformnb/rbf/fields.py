@@ -103,7 +103,7 @@ class AbstractField(ABC):
 
     @property
     def steps(self) -> tuple[AbstractField, ...]:
-        """The deformations that this one does one after the other, first to last; most fields are one by themselves."""
+        """The deformations that this one does one after the other, first to last; most fields are a single one."""
         return (self,)
 
     def opacity(self, points: ArrayLike) -> NDArray[np.float64]:

@@ -389,7 +389,7 @@ def _free_points(
 def _scale(part: RigidPart, distances: NDArray[np.float64]) -> float:
     """The distance at which a part's weight is 1: at the nearest control point at the latest.
 
-    The paper's distance has no such place: it is only brought to the size of 1, which changes nothing (w -> c w).
+    The paper's distance has no such place: it is only scaled to the size of 1, which changes nothing (w -> c w).
     """
     nearest = float(distances.min(initial=np.inf))
     if part.weight == "distance":
@@ -411,4 +411,4 @@ def _fit_stage(
             return fit_forward(points, **settings)
         return fit_rigid(points, parts, **settings)
     except DeformError as error:
-        raise DeformError(f"in stage {j} of {stages}, on the straight ways of the points: {error}") from None
+        raise DeformError(f"in stage {j} of {stages}, on the straight paths of the points: {error}") from None

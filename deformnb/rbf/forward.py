@@ -34,7 +34,7 @@ DIRECTIONS = ("backward", "forward")
 """Directions of a fit: from the result to the input, or from the input to the result. The first is the default."""
 
 # Newton's method ends at this share of the size of the points, a digit above the rounding of a fit of some hundred
-# points; what ends within the second share, below what interpolation promises, counts as found.
+# points; what ends within the second share, below the error of interpolation, counts as found.
 AIM, FOUND = 1e-12, 1e-9
 
 MOST_NEWTON_STEPS = 50
@@ -304,14 +304,14 @@ class ForwardFit(AbstractFit):
 
 
 def _columns(linear: Callable[[Any], Any], like: Any) -> list[list[Any]]:
-    """Entries [m][k] of the matrices (...) of a map that is linear in each of the vectors (..., dim) by itself."""
+    """Entries [m][k] of the matrices (...) of a map that is linear in each of the vectors (..., dim) separately."""
     dim = like.shape[-1]
     images = [linear(jnp.zeros_like(like).at[..., k].set(1.0)) for k in range(dim)]
     return [[images[k][..., m] for k in range(dim)] for m in range(dim)]
 
 
 def _solve_matrices(a: list[list[Any]], b: Any) -> Any:
-    """The vectors (..., dim) that matrices bring to b; zero where the determinant is."""
+    """The vectors (..., dim) that matrices map to b; zero where the determinant is."""
     if len(a) == 2:
         c = [[a[1][1], -a[0][1]], [-a[1][0], a[0][0]]]
     else:
@@ -334,7 +334,7 @@ def _tangent(linear: Callable[[Any], Any], right: Any) -> Any:
 
 
 def _newton_in_jax(residual: Callable[[Any], Any], start: Any) -> Any:
-    """The root of a residual, for each place (..., dim) by itself; ends when no place gets better."""
+    """The root of a residual, for each place (..., dim) separately; ends when no place gets better."""
 
     def square(r: Any) -> Any:
         return jnp.sum(r * r, axis=-1)

@@ -60,7 +60,7 @@ class ControlPoints:
     names : N texts, free and not necessarily different.
     active : (N,) bool; a point that is switched off is stored but takes no part in the fit.
     weight : (N,) positive; how much a point counts when smoothing is on (inverse variance).
-    next_id : the id of the next point; grows only, so that the id of a removed point never comes back.
+    next_id : the id of the next point; grows only, so that the id of a removed point is never used again.
     locked : (N,) bool; editors, brushes and fits leave such a point where it is. Code may move it.
     radius : (N,) positive, a support radius of the point's own; NaN where it has that of all.
     unit : of all lengths, a symbol or a name of :data:`~deformnb.volume.units.UNITS`; "" where it is that of the volume

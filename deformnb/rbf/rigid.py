@@ -78,7 +78,7 @@ class RigidMotion:
             raise DeformError("a rigid motion needs a matrix of 2 x 2 or 3 x 3 finite numbers and a shift of as many.")
         if np.abs(m @ m.T - np.eye(dim)).max() > _ROUNDING or np.linalg.det(m) < 0:
             raise DeformError("the matrix of a rigid motion must turn only: not stretch, shear or mirror.")
-        if np.abs(m @ m.T - np.eye(dim)).max() > 1e-12:  # the nearest turn, so that the way back leads back
+        if np.abs(m @ m.T - np.eye(dim)).max() > 1e-12:  # the nearest rotation, so that the inverse is exact
             u, _, v = np.linalg.svd(m)
             m = u @ v
         object.__setattr__(self, "matrix", tuple(map(tuple, m.tolist())))

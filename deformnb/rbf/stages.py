@@ -4,7 +4,7 @@ An interpolant that takes its points far in one go may fold between them. In n s
 at a time, ``p_j = source + j/n (target - source)``; stage j is fitted to ``p_{j-1} -> p_j`` and the maps follow one
 another. Every source still comes exactly to its target, and a composition of maps without folds has none: in the limit
 it is the flow of a velocity field, a diffeomorphism (Joshi & Miller, IEEE Trans. Image Process. 9 (2000) 1357-1370).
-Only points that pass through one another on their straight ways cannot be helped.
+Only points that pass through one another on their straight paths still fold.
 """
 
 from __future__ import annotations

@@ -134,7 +134,7 @@ class ClosedCurve:
         return float(self.at_vertex[-1])
 
     def wrap(self, s: Floats) -> Floats:
-        """Arc lengths brought to [0, length]."""
+        """Arc lengths wrapped to [0, length]."""
         return np.asarray(s % self.length if self.closed else np.clip(s, 0, self.length))
 
     def at(self, s: ArrayLike) -> Floats:

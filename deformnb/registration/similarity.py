@@ -34,7 +34,7 @@ _FLAT = 1e-10
 _BINS = 24
 
 # Barrier: nothing above _FREE; rises as a squared logarithm; below _STEEP it continues as a line, so that it is finite
-# where a trial step has folded the map, with a gradient that leads back.
+# where a trial step has folded the map, with a gradient that unfolds it.
 _FREE, _STEEP, _BARRIER = 0.15, 0.02, 0.01
 
 

@@ -182,7 +182,7 @@ class _Reports:
         if self._has_trouble:
             return
         self._has_trouble = True
-        _LOG.warning("a session could not be written by itself: %s", error)
+        _LOG.warning("autosave of a session failed: %s", error)
         text = f"Autosave is not possible now, save the session yourself: {_why(error)}"
         _safely(lambda: self._on_trouble and self._on_trouble(text))
 
@@ -252,7 +252,7 @@ class _SessionFile:
         _HELD.add(self.held)
 
     def close(self) -> None:
-        """The session has ended by itself: nobody holds the file any more."""
+        """The session has ended normally: no process holds the file any more."""
         if self.entry is not None and self.entry.state == "open":
             mark(self.entry, "closed")
         self._release()
@@ -374,7 +374,7 @@ class _Job:
                 self.changed.wait(left)
 
     def write(self, snapshot: _Snapshot) -> None:
-        """Write a snapshot, or remember that it could not be written."""
+        """Write a snapshot, or record that it could not be written."""
         try:
             entry = self.file.write(snapshot)
             self.unwritten = None
@@ -405,7 +405,7 @@ def _run(job: _Job) -> None:
             job.write(snapshot)
             del snapshot
     except Exception as error:  # the volume cannot be read for its checksum
-        _LOG.exception("a session is not written by itself")
+        _LOG.exception("autosave of a session failed")
         job.reports.trouble(error)
     finally:
         if job.is_current_thread:  # else the thread was given up, and another may be at work by now
@@ -440,7 +440,7 @@ _HELD: set[int] = set()
 
 @atexit.register
 def _end_all() -> None:
-    """Write waiting snapshots and close open files: that a process ends by itself is no crash."""
+    """Write waiting snapshots and close open files: the normal end of a process is no crash."""
     jobs = list(_OPEN)
     until = time.monotonic() + _PATIENCE_AT_EXIT
     for job in jobs:
@@ -478,7 +478,7 @@ class Recovery:
     ----------
     autosave : what writes.
     lost : the offers, the newest first.
-    earlier : sessions on the volume that ended by themselves with edits that are in no file, the newest first.
+    earlier : sessions on the volume that ended normally with edits that are in no file, the newest first.
     ready : set once the lost sessions are known.
     written : time of the last write of unsaved edits, for people; empty if there are none.
 

@@ -56,7 +56,7 @@ def state_folder() -> Path:
 
 @dataclass(frozen=True)
 class SavedSession:
-    """A session that was written by itself.
+    """A session that was autosaved.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def moment(when: datetime, now: datetime | None = None) -> str:
 
 
 def count_text(number: int, what: str) -> str:
-    """A number of things in words.
+    """A count with its noun.
 
     Examples
     --------
@@ -230,7 +230,7 @@ def restore(entry: SavedSession) -> Deformation:
     Raises
     ------
     DeformError
-        If its file has gone or is damaged.
+        If its file is missing or damaged.
 
     Examples
     --------

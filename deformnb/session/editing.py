@@ -72,7 +72,7 @@ class Editing(traitlets.HasTraits):
         It is part of the document: setting it is an edit that can be undone.
     first : the document with which it began.
     state : document and selection at one moment, for other threads.
-    past : the states that can be gone to.
+    past : the states that can be restored.
     lock : guards the state and the history from the reading of a state to the edit that is made of it.
 
     Notes
@@ -310,7 +310,7 @@ class Editing(traitlets.HasTraits):
         Parameters
         ----------
         made : result of the edit. If something else is shown by now, or an older state, nothing happens.
-        better : what shall be shown instead; undo takes back the edit with it.
+        better : what shall be shown instead; undo reverts the edit with it.
         notice : the message to the user.
 
         Returns
@@ -357,7 +357,7 @@ class Editing(traitlets.HasTraits):
             return found[1]
 
     def history_tree(self) -> tuple[HistoryNode, ...]:
-        """All states that can be gone to, from the oldest to the newest: an edit after an undo begins a branch.
+        """All states that can be restored, from the oldest to the newest: an edit after an undo begins a branch.
 
         Returns
         -------

@@ -2,7 +2,7 @@
 
 Each sets control points around the foreground of the picture, along its principal axes
 (:func:`~deformnb.imaging.demo.subject_axes`) or in its box (:func:`~deformnb.imaging.demo.subject_box`), in place of
-those of the step being edited, so that one undo brings everything back.
+those of the step being edited, so that one undo reverts everything.
 """
 
 from __future__ import annotations

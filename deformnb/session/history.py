@@ -147,7 +147,7 @@ class History:
 
         Parameters
         ----------
-        current : the state that is shown, which can be gone to from then on.
+        current : the state that is shown, which can be restored from then on.
         """
         here = self._nodes[self._current]
         to = here.parent if way == "undo" else here.last
@@ -160,7 +160,7 @@ class History:
 
         Parameters
         ----------
-        node : its id; current : the state that is shown, which can be gone to from then on.
+        node : its id; current : the state that is shown, which can be restored from then on.
 
         Raises
         ------
@@ -173,7 +173,7 @@ class History:
         return state, self._nodes[node].label
 
     def labels(self) -> dict[str, str]:
-        """Labels of the edits that "undo" and "redo" would take back or do again; empty where there is none."""
+        """Labels of the edits that "undo" and "redo" would apply; empty where there is none."""
         here = self._nodes[self._current]
         return {
             "undo": here.label if here.parent is not None else "",
@@ -300,7 +300,7 @@ class _Ledger:
 
 
 def weigh_part(part: Any) -> tuple[int, tuple[Any, ...]]:
-    """The approximate bytes of a part of a document by itself, and the parts in it.
+    """The approximate bytes of a part of a document alone, and the parts in it.
 
     Control points, masks and arrays count as their numbers; everything else as some dozens of bytes for each object.
 

@@ -112,7 +112,7 @@ class Results:
         Parameters
         ----------
         most : how many times the voxels of the volume it may have; a notice reports if that is too few.
-        joins : as part of the last edit, which undo takes back together with it; nothing happens if another edit, or an
+        joins : as part of the last edit, which undo reverts together with it; nothing happens if another edit, or an
             older state, is shown by the time that the box is known.
 
         Returns

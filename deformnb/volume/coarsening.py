@@ -50,7 +50,7 @@ def block_means(values: NDArray[Any], factors: tuple[int, int, int]) -> NDArray[
 
 
 def _sum_type(kind: np.dtype[Any], count: int) -> np.dtype[Any]:
-    """The smallest type that holds sums of so many values: the less memory is written, the sooner it is done."""
+    """The smallest type that holds sums of so many values: less written memory is faster."""
     if kind.kind not in "iu" or kind.itemsize > 2:
         return np.dtype(np.float32)
     return np.min_scalar_type(count * (np.iinfo(kind).min or np.iinfo(kind).max))

@@ -89,7 +89,7 @@ def _too_many(shape: tuple[int, ...]) -> str:
 def cast(array: NDArray[Any]) -> tuple[NDArray[Any], tuple[str, ...]]:
     """The same values in a native voxel type of :data:`KEPT`, and a note if the type changed.
 
-    The array comes back itself if it can stay: memory-mapped, read-only and Fortran arrays are not copied.
+    The array itself is returned if it can stay: memory-mapped, read-only and Fortran arrays are not copied.
 
     Raises
     ------

@@ -34,7 +34,7 @@ class Box:
 
     Attributes
     ----------
-    number : by which the front end knows it.
+    number : its id in the front end.
 
     Examples
     --------

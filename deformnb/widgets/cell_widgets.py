@@ -49,7 +49,7 @@ def transfer_ownership(widget: Any) -> None:
 
 
 def close_earlier_of_this_cell(widget: Any) -> None:
-    """Close the widgets of this class that earlier runs of the running cell have made, and remember this one.
+    """Close the widgets of this class that earlier runs of the running cell have made, and register this one.
 
     Call it when nothing can fail any more: where there is no new widget, the earlier one stays.
     """
@@ -82,7 +82,7 @@ def _cell_and_run() -> tuple[str, str] | None:
 
 @contextmanager
 def closed_on_failure(end: Callable[[], None]) -> Iterator[None]:
-    """Close the widgets that this thread makes meanwhile, should it end with an error: nobody else could.
+    """Close the widgets that this thread makes meanwhile, should it end with an error: no other code has them.
 
     Parameters
     ----------

@@ -71,7 +71,7 @@ _LEVEL = 9  # of gzip: packed once and read often
 
 _SIDES = "%"  # the place of the sides in the warning of the page
 
-# Displacements are rounded to this share of a voxel, which nobody sees and which packs far better.
+# Displacements are rounded to this share of a voxel, which is invisible and packs far better.
 _EXACTNESS = 1 / 64
 
 _NOT_FOR_THE_PAGE = ("comm", "language", "layout", "tabbable", "tooltip", "words")

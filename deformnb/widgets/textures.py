@@ -8,7 +8,7 @@ At cuts every region has its own maps, with its distance to each cut. A map is n
 decides at every sample which region is visible there, by the rule of :mod:`deformnb.rbf.cuts`; regions without
 control points are sent as such, with no displacement.
 
-A composition in which one step has cuts is sent as samples in space, each region by itself. The field next to a cut is
+A composition in which one step has cuts is sent as samples in space, each region separately. The field next to a cut is
 smooth in every region, beyond its edge too, so it may be sampled coarsely and interpolated: the displacement of all
 steps together, the depth within the region of the place that it leads to, and the depth of the sample itself. The GPU
 chooses by them at every place, as :mod:`deformnb.rbf.cuts` does.
@@ -47,7 +47,7 @@ CUT_STEPS = 512
 # Places of origin beyond the box are needed too, where the last samples would be constant.
 CUT_MARGIN = 0.125
 
-# Nodes at which is looked which regions there are: small ones that nobody has put a point into must be found as well.
+# Nodes at which regions are searched: small ones without a point must be found as well.
 _COARSE = 256
 
 

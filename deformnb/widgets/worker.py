@@ -39,7 +39,7 @@ class Worker:
     """A thread that does one thing after the other, started by the first of them.
 
     It holds no reference to its maker: when the last reference to this object goes, the thread ends. It also ends when
-    nothing was to be done for a while, and another takes its place when something is: who forgets a widget that the
+    nothing was to be done for a while, and another takes its place when something is: dropping a widget that the
     front end may still show is left with no thread.
 
     Parameters
@@ -185,7 +185,7 @@ class _Queue:
             self.changed.notify_all()
 
     def report_failure(self, error: Exception) -> None:
-        """Report that a job has failed; not when nobody is there any more."""
+        """Report that a job has failed; not after the owner was deleted."""
         if self.failed is None or self.closed:
             return
         try:
@@ -256,7 +256,7 @@ def _end_all() -> None:
     _join(threads, _SILENCE_AT_EXIT)
     busy = [thread.name for thread in threads if thread.is_alive()]
     if busy:
-        with contextlib.suppress(OSError, ValueError):  # a terminal that has gone
+        with contextlib.suppress(OSError, ValueError):  # a terminal that was closed
             sys.stderr.write(f"deformnb: finishing what {', '.join(busy)} is computing.\n")
         _join(threads, _PATIENCE_AT_EXIT)
 

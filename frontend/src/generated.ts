@@ -410,7 +410,7 @@ export interface ProposedParts {
   kind: string;
 }
 
-/** Bring a point into the middle. */
+/** Center a point. */
 export interface ShowPoint {
   type: "look";
   /** Of the point; from 0. */

@@ -178,7 +178,7 @@ def test_a_part_alone_says_that_nothing_holds_the_rest(open_editor: Any, picture
     page = open_editor(Editor(picture, ControlPoints.empty(), parts=[BONE]))
     choose(page)
     page.drag(INSIDE, (30, 0))
-    assert "nothing holds what is around it" in page.page.locator(".dnb-ed-hint").inner_text()
+    assert "nothing holds the tissue around it" in page.page.locator(".dnb-ed-hint").inner_text()
 
 
 def test_a_drag_of_a_part_stops_before_the_picture_folds(open_editor: Any, picture: Picture) -> None:

@@ -35,7 +35,7 @@ def test_a_lesson_is_copied_once_and_opened(
     opened: list[tuple[Path, ...]] = []
     monkeypatch.setattr("deformnb_lessons.command.open_lab", lambda *given: opened.append(given))
     monkeypatch.setattr("deformnb_lessons.command.check_lab", lambda *more: None)
-    for word in ("new", "kept as it is"):
+    for word in ("new", "unchanged"):
         assert run(tmp_path, "lesson kernels mine --no-browser", monkeypatch) == 0
         assert capsys.readouterr().out.startswith(word)
     copy = Path("mine") / LESSONS["kernels"].notebook

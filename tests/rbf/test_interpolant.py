@@ -586,7 +586,7 @@ def test_beyond_its_own_radius_a_point_changes_nothing() -> None:
 @pytest.mark.parametrize("kernel", [k for k in KERNELS if KERNEL_ORDER[k] > 0])
 def test_kernels_without_an_end_refuse_radii_of_their_own(kernel: str) -> None:
     points = ControlPoints.from_arrays(sources(2), radius=RADII)
-    with pytest.raises(DeformError, match=f"radii of their own, and the {kernel} kernel"):
+    with pytest.raises(DeformError, match=f"individual support radii, and the {kernel} kernel"):
         fit_rbf(points, kernel=kernel, trend=richest(kernel))
     fit_rbf(ControlPoints.from_arrays(sources(2), radius=[None] * 7), kernel=kernel, trend=richest(kernel))
 

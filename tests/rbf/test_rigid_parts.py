@@ -243,7 +243,7 @@ def test_points_in_a_part_that_ask_for_something_else_are_refused_by_name() -> N
     pulled = points().add([75.0, 70.0], [77.0, 70.0], name="knee")
     with pytest.raises(DeformError, match=r'knee.* lies in the rigid part "femur", which is fixed; move or remove'):
         fit_rigid(pulled, [RigidPart(BOX, name="femur")], support=SUPPORT)
-    with pytest.raises(DeformError, match="lies in a rigid part, which has its own motion"):
+    with pytest.raises(DeformError, match="is in a rigid part, which has its own motion"):
         fit_rigid(points().add([75.0, 70.0], TURN([75.0, 70.0]) + 1), [RigidPart(BOX, TURN)], support=SUPPORT)
     off = pulled.edit(pulled.ids[-1], active=False)
     assert fit_rigid(off, [RigidPart(BOX)], support=SUPPORT).ids == points().ids

@@ -150,7 +150,7 @@ def test_progress_rises_to_one_and_can_stop_at_any_iteration() -> None:
     [
         (lambda p: replace(p, locked=np.ones(9, bool)), "no control point may move"),
         (lambda p: ControlPoints.empty(), "no control point may move"),
-        (lambda p: p.add(p.source[2]), "lies where another one does"),
+        (lambda p: p.add(p.source[2]), "is at the place of another one"),
         (lambda p: ControlPoints.from_arrays([[1.0, 2.0, 3.0]]), "matched on volumes, got a Picture"),
     ],
 )

@@ -340,7 +340,7 @@ def test_a_volume_without_a_checksum_is_trouble_and_flushes_nothing(session: Ses
     session.files.reference = unreadable  # type: ignore[assignment]
     saving = Autosave(session, delay=0.01, on_trouble=told.append)
     wait_for(lambda: told)
-    assert "Nothing is kept by itself for now" in told[0]
+    assert "Autosave is not possible now" in told[0]
     session.editing.change(strength=0.25)
     with pytest.raises(TimeoutError):
         saving.flush(5)

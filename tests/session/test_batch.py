@@ -134,7 +134,7 @@ def test_another_format_does_not_let_results_replace_inputs_or_one_another(overw
 
 def test_two_inputs_of_one_name_are_refused(many: Path) -> None:
     shutil.copy(many / "tiny.nrrd", many / "in")
-    with pytest.raises(DeformError, match=r"two inputs are called tiny\.nrrd"):
+    with pytest.raises(DeformError, match=r"two inputs are named tiny\.nrrd"):
         inputs_of([many / "in", many / "tiny.nrrd"])
 
 

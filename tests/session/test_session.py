@@ -296,7 +296,7 @@ def test_key_pictures_that_are_left_are_spoken_of(session: Session) -> None:
     session.editing.change(extrusion="interpolate")
     session.editing.edit_points(dragged(session))
     session.editing.change(extrusion="replicate")
-    assert "undo brings the others back" in session.editing.notice
+    assert "undo restores the others" in session.editing.notice
     session.editing.undo()
     assert len(session.editing.step.maps) == 3
 

@@ -93,7 +93,7 @@ def test_landmarks_of_a_picture_and_of_space_go_where_they_belong(session: Sessi
     session.add_landmarks(Landmarks([[10.0, 5.0]], ("nose",)))
     np.testing.assert_array_equal(session.editing.points.source[-1], [10.0, 5.0])
     session.steps.add(in_space=True)
-    with pytest.raises(DeformError, match="lie on a picture"):
+    with pytest.raises(DeformError, match="are on a picture"):
         session.add_landmarks(Landmarks([[10.0, 5.0]]))
     session.add_landmarks(Landmarks([[1.0, 2.0, 3.0]], ("eye",), fixed=[[2.0, 2.0, 3.0]]))
     np.testing.assert_array_equal(session.landmarks().points[-1], [1.0, 2.0, 3.0])

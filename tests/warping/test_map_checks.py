@@ -97,7 +97,7 @@ CASES: dict[str, tuple[Callable[[], Deformation], str]] = {
     ),
     "a slit beside the volume whose line goes on through it": (
         lambda: flat_map(NEAR, cuts=(dn.Cut(Line([(90, 20), (60, 20)], stops=(True, True))),)),
-        "cut 1 lies outside",
+        "cut 1 is outside",
     ),
 }
 

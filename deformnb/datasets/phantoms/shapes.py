@@ -1,6 +1,6 @@
 """Solids as signed distance functions: the primitives from which every phantom is built.
 
-A solid knows its box and its (approximately signed) distance: negative inside, positive outside, in the unit of the
+A solid has a box and a (approximately signed) distance: negative inside, positive outside, in the unit of the
 phantom (mm). Distances only have to be right within about one voxel of the surface and in sign elsewhere, which
 is why ellipsoids and lofts may use the first-order formula ``d = (rho - 1) / |grad rho|``.
 

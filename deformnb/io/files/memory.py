@@ -133,7 +133,7 @@ def _cgroup_room(folder: Path, kind: str) -> int | None:
         usage = int((folder / usage_file).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    try:  # pages of files already read count as used but are given up when needed
+    try:  # pages of files already read count as used but are released when needed
         fields = dict(line.split() for line in (folder / "memory.stat").read_text(encoding="utf-8").splitlines())
         usage -= int(fields[cache_field])
     except (OSError, ValueError, KeyError):

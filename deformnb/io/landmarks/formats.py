@@ -191,7 +191,7 @@ def _row(path: Path) -> LandmarkFormat | None:
 
 
 def _read_text(path: Path, text: str) -> Landmarks:
-    """A table with a line of names, or what :func:`read_txt` knows."""
+    """A table with a line of names, or a format of :func:`read_txt`."""
     return read_csv(path, text) if is_table(text) else read_txt(path, text)
 
 

@@ -35,7 +35,7 @@ def read_obj(path: Path) -> Polygons:
                     )
                 corners.append(int(number) - 1 if int(number) > 0 else len(points) + int(number))
     if promised not in (None, (len(points), len(counts))):  # files of other programs do not mark their end
-        raise fail(path, f"its first line promises other numbers of corners and faces than it has: {CUT_SHORT}.")
+        raise fail(path, f"its first line declares other numbers of corners and faces than it has: {CUT_SHORT}.")
     try:
         places = np.array(points, dtype=np.float64).reshape(len(points), 3)
     except ValueError as error:

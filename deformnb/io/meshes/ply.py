@@ -115,7 +115,7 @@ def _check_sizes(path: Path, elements: list[_Element], size: int) -> None:
         if element.size > size:  # each takes a byte at least
             raise fail(
                 path,
-                f"its header promises {element.size} times {printable(element.name, 30)}, more than the file "
+                f"its header declares {element.size} times {printable(element.name, 30)}, more than the file "
                 f"has room for: {CUT_SHORT}.",
             )
 
@@ -135,7 +135,7 @@ class _Binary:
     def _take(self, dtype: np.dtype[Any], count: int) -> NDArray[Any]:
         end = self._at + dtype.itemsize * count
         if end > len(self._data):
-            raise fail(self._path, f"its header promises more than the file holds: {CUT_SHORT}.")
+            raise fail(self._path, f"its header declares more than the file holds: {CUT_SHORT}.")
         found = np.frombuffer(self._data, dtype, count, self._at)
         self._at = end
         return found
@@ -194,7 +194,7 @@ class _Text:
     def _take(self, count: int) -> NDArray[np.float64]:
         found = self._numbers[self._at : self._at + count]
         if len(found) < count:
-            raise fail(self._path, f"its header promises more than the file holds: {CUT_SHORT}.")
+            raise fail(self._path, f"its header declares more than the file holds: {CUT_SHORT}.")
         self._at += count
         return found
 

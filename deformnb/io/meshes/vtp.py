@@ -64,7 +64,7 @@ def _cells(file: VtkXml, piece: Tag, kind: str) -> tuple[NDArray[np.int64], NDAr
     }
     if not {"offsets", "connectivity"} <= arrays.keys():
         raise fail(
-            file.path, f"it promises {count} {kind.lower()} without their offsets and connectivity: {CUT_SHORT}."
+            file.path, f"it declares {count} {kind.lower()} without their offsets and connectivity: {CUT_SHORT}."
         )
     ends = whole_numbers(file.path, _check_memory(file.locate_array(arrays["offsets"], count)).values())
     sizes = np.diff(ends, prepend=0)
@@ -86,7 +86,7 @@ def _check_memory(array: StoredArray) -> StoredArray:
     if 4 * array.size > limit:  # its bytes in parts and joined, then its numbers as used
         raise fail(
             array.file.path,
-            f"its header promises an array of {human_bytes(array.size)}, for which there is "
+            f"its header declares an array of {human_bytes(array.size)}, for which there is "
             f"not enough memory ({human_bytes(limit)} may be used), or {CUT_SHORT}.",
         )
     return array

@@ -342,4 +342,4 @@ def _remark(transform: AbstractField | HasField, direction: str) -> str:
     if not isinstance(transform, Inverse):
         return REMARKS[direction]
     worst = float(transform.error[transform.reached].max(initial=0.0))
-    return f"{FORWARD}; residual {worst:.3g} at {100 * transform.share:.4g} % of the nodes, no promise at the others"
+    return f"{FORWARD}; residual {worst:.3g} at {100 * transform.share:.4g} % of the nodes, none given at the others"

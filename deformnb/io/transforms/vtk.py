@@ -28,7 +28,7 @@ def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | VolumeLik
 
     Returns
     -------
-    vtkGridTransform. It knows no directions of axes: on a grid that is turned, a vtkGeneralTransform with one between
+    vtkGridTransform. It has no directions of axes: on a grid that is turned, a vtkGeneralTransform with one between
     the maps to the axes of the grid and back.
 
     Raises

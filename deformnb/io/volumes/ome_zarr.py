@@ -4,7 +4,7 @@ Specification: https://ngff.openmicroscopy.org/0.5/. zarr-python reads and write
 are a document of JSON, which is written and checked here: a job may write its levels block by block, and a reader must
 know all sizes before it takes memory.
 
-The format places axes by scale and translation only and knows no directions. Those of a grid whose axes are oblique are
+The format places axes by scale and translation only and has no directions. Those of a grid whose axes are oblique are
 stored in attributes named "deformnb"; other programs then see the volume along its axes.
 """
 
@@ -69,7 +69,7 @@ def zarr_package() -> Any:
     Raises
     ------
     MissingPackageError
-        Naming the extra that brings it.
+        Naming the extra that installs it.
     """
     try:
         import zarr
@@ -391,7 +391,7 @@ def _unit(axes: list[Mapping[str, Any]]) -> tuple[str, tuple[float, ...], tuple[
 
 
 def _to_common_unit(path: Path, grid: Grid, unit: str, factors: tuple[float, ...]) -> Grid:
-    """The grid with its lengths along x, y and z brought to one unit."""
+    """The grid with its lengths along x, y and z converted to one unit."""
     lengths = np.asarray(grid.spacing) * factors
     place = np.asarray(grid.direction) @ (np.asarray(grid.direction).T @ np.asarray(grid.origin) * factors)
     try:

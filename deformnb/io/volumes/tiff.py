@@ -104,7 +104,7 @@ def _single_pages(files: Iterable[Path]) -> _Pages:
         yield next(pages)
         more = sum(page is not None for page, _ in pages)
         if more:
-            raise fail(file, f"it has {1 + more} pages; in a folder of slices every file has one. Read it by itself.")
+            raise fail(file, f"it has {1 + more} pages; in a folder of slices every file has one. Read it separately.")
 
 
 def _natural(path: Path) -> tuple[list[Any], str]:
@@ -183,7 +183,7 @@ def _layout(path: Path, found: _Described, page: Page, count: int) -> tuple[Layo
     planes = layout.channels
     if samples > 1:
         if planes not in (1, samples):
-            raise fail(path, f"it has {planes} channels of pages in colours; save the channels by themselves.")
+            raise fail(path, f"it has {planes} channels of pages in colours; save the channels separately.")
         kind = {3: "rgb", 4: "rgba"}.get(samples, "channels") if page.codec.photometric in (2, 6) else "channels"
         named = layout if kind == "channels" and planes == samples else replace(layout, names=(), colours=())
         layout = replace(named, channels=samples, kind=kind, interleaved=True)

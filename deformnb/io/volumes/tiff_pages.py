@@ -1,6 +1,6 @@
 """Pages of TIFF files: their fields, and their pixels, which tifffile's and imagecodecs' codecs unpack.
 
-The structure is read and checked here before any codec sees it, for tifffile fills in or leaves out damaged parts:
+The structure is read and checked here before any codec reads it, for tifffile fills in or leaves out damaged parts:
 strips of length zero and short tiles become voxels, a broken chain of pages ends early, pages of another size are left
 out, LZW data too long are cut, and circles of over 100 pages never end. It reports this, if at all, only in its log,
 which callers may have switched off: of 2000 damaged stacks, checks around tifffile's own fields let one lose two of its
@@ -391,7 +391,7 @@ def parse_page(path: Path, order: str, tags: Tags) -> Page:
     bits = one(_BITS, 1)
     dtype = _dtype(path, bits, one(_FORMAT, 1), order)
     if one(_DEPTH, 1) != 1 or one(_TILE_DEPTH, 1) != 1:
-        raise fail(path, "its pages are volumes by themselves, which is not supported; save a page for each slice.")
+        raise fail(path, "each of its pages is a volume, which is not supported; save a page for each slice.")
     volume_shape(path, [width, height], dtype.itemsize * samples)
     tiled = _TILES in tags
     part = (one(_TILE_HEIGHT), one(_TILE_WIDTH)) if tiled else (min(one(_ROWS, height), height), width)

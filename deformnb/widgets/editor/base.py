@@ -213,8 +213,8 @@ class EditedPoints(SyncedWidget):
     def on_edit(self, callback: EditCallback | DetailCallback, remove: bool = False, *, details: bool = False) -> None:
         """Call ``callback(points, phase)`` while points are dragged ("move") and after each edit ("end").
 
-        During a drag ``editor.points`` stays as it was; only the callback sees the intermediate points. A drag that is
-        given up ends with a "move" back to where it began. Exceptions of the callback are logged and shown in the front
+        During a drag ``editor.points`` stays as it was; only the callback gets the intermediate points. A cancelled
+        drag ends with a "move" back to where it began. Exceptions of the callback are logged and shown in the front
         end.
 
         Parameters

@@ -247,7 +247,7 @@ class Editor(EditedPoints):
     show_radius = traitlets.Bool(False).tag(sync=True)
     stop_at_folds = traitlets.Bool(False).tag(sync=True)
     front_only = traitlets.Bool(
-        None, allow_none=True, help="whether the depth is deformed in front only; None where nobody answers"
+        None, allow_none=True, help="whether the depth is deformed in front only; None where no callback answers"
     ).tag(sync=True)
     brush_radius = traitlets.Float(0.0).tag(sync=True)
     drag_grid = traitlets.Bool(False, help="whether the nodes of the grid can be dragged").tag(sync=True)
@@ -266,7 +266,7 @@ class Editor(EditedPoints):
     colours = traitlets.Bytes(b"", help="256 colours of the map, red, green, blue; empty for grey").tag(sync=True)
     shows = traitlets.Enum(list(PICTURE_SHOWS), PICTURE_SHOWS[0]).tag(sync=True)
     slices = traitlets.Dict(help="number, first depth and spacing of the slices").tag(sync=True)
-    wand = traitlets.Dict(help="selection of the wand; {} where nobody answers it").tag(sync=True)
+    wand = traitlets.Dict(help="selection of the wand; {} where no callback answers it").tag(sync=True)
     slice = traitlets.Int(0, min=0, help="the slice that is shown, counted from 0").tag(sync=True)
 
     def __init__(

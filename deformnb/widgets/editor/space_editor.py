@@ -287,7 +287,7 @@ class SpaceEditor(EditedPoints):
         return Step((points,), None, **{**self.settings.as_dict(), **self._options, **options})
 
     def look_at(self, point: int) -> None:
-        """Bring the slices to the target of the point with this id."""
+        """Move the slices to the target of the point with this id."""
         self.cursor = self.points.target[self.points.index(point)].tolist()
         self.post(ShowPoint(id=point))
 

@@ -72,7 +72,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
     def on_edit(self, callback: InputCallback, remove: bool = False) -> None:
         """Call ``callback(value, phase)`` while something is dragged ("move") and after each edit ("end").
 
-        During a drag the traits stay as they were; only the callback sees the intermediate value. Exceptions of the
+        During a drag the traits stay as they were; only the callback gets the intermediate value. Exceptions of the
         callback are logged and shown in the front end.
         """
         if remove:

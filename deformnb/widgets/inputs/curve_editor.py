@@ -31,7 +31,7 @@ PARTS = 128
 MOST_NODES = 64
 """More cannot be resolved on a plot of 360 pixels."""
 
-# Of the height: differences that nobody sees, and that rounding makes.
+# Of the height: invisible differences, and those of rounding.
 _SEEN, _ROUNDING = 0.004, 1e-9
 
 

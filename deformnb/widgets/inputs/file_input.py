@@ -1,7 +1,7 @@
 """Upload of files from the browser: by a button that opens its file chooser, and by a drop on the studio.
 
 A file comes in pieces, each requested by Python when it has the one before: a socket takes only small messages (see
-:mod:`deformnb.widgets.web.guard`), and a file that nobody takes is never held in memory. The messages are UploadBegin,
+:mod:`deformnb.widgets.web.guard`), and a file without a callback is never held in memory. The messages are UploadBegin,
 UploadPiece, UploadCancel, PieceRequest, UploadReading and UploadDone of :mod:`deformnb.widgets.messages.inputs`.
 """
 

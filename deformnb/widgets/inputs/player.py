@@ -4,7 +4,7 @@ The clock runs in the front end. A live view that has the frames (:meth:`~deform
 there, and nothing is sent. Python receives the time a few times a second while it plays, and exactly where it rests;
 the front end may write the traits ``time``, ``is_playing``, ``speed`` and ``loop`` and nothing else.
 
-While a player plays the key frames of a document, a view that can go through frames by itself gets them once, as maps
+While a player plays the key frames of a document, a view that can play frames without Python gets them once, as maps
 over time. Any other view, and a document whose moments are no maps, is shown moment by moment, the newest first.
 """
 
@@ -55,7 +55,7 @@ class Player(SyncedWidget):
     time : the moment that is shown; setting it goes there. A moment beyond the ends goes to the nearer one.
     duration : of the whole in seconds.
     marks : the times of the key frames, shown on the bar.
-    is_playing : setting it plays or pauses in all front ends; at the end it becomes False by itself, unless it loops.
+    is_playing : setting it plays or pauses in all front ends; at the end it becomes False, unless it loops.
     speed : 1 is real time.
     loop : a name of :data:`~deformnb.document.deformation.LOOPS`.
     step : seconds that an arrow key goes.

@@ -135,7 +135,7 @@ class TransferEditor(AbstractEdited):
         self.transfer = transfer
 
     def _request_thumbnails(self) -> None:
-        # Held until the work is done: a worker that nobody holds ends before it.
+        # Held until the work is done: a worker without a reference ends before it.
         self._worker = self._given_worker or Worker("deformnb-thumbnails")
         if not self._worker.is_closed:
             self._worker.latest("thumbnails", weakly(self, TransferEditor._make_thumbnails))

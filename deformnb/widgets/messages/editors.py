@@ -169,7 +169,7 @@ class ProposedParts(Message, frozen=True, kw_only=True, tag="parts"):
 
 
 class ShowPoint(Message, frozen=True, kw_only=True, tag="look"):
-    """Bring a point into the middle."""
+    """Center a point."""
 
     id: Annotated[Whole, Meta(description="of the point")]
 

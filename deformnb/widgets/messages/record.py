@@ -232,7 +232,7 @@ _WORDS = {
 
 
 def _sentence(error: msgspec.ValidationError) -> str:
-    """The reason in words, behind the place in the message."""
+    """The reason as a sentence, after the place in the message."""
     what, _, where = str(error).partition(" - at `$")
     place = where.strip("`.")
     if isinstance(error.__cause__, DeformError):  # of an object, whose own places are in it

@@ -288,7 +288,7 @@ class LatePanel(Generic[_AnyPanel]):
     Attributes
     ----------
     title : of the panel; box : its place, empty and of the class dnb-late until it is made.
-    unfold : brings the place into view, where it is a section that can be folded.
+    unfold : scrolls the place into view, where it is a section that can be folded.
     made : the panel; None until it is made.
     """
 
@@ -328,7 +328,7 @@ class LatePanel(Generic[_AnyPanel]):
                 action(self.made)
 
     def reveal(self) -> None:
-        """Bring the panel into view."""
+        """Scroll the panel into view."""
         self.unfold()
 
     def handle_visibility(self, is_open: bool) -> None:

@@ -1,7 +1,7 @@
 """Editors of the studio, one for points on a picture and one for points in space, and their shared place.
 
 Every change of the session is shown in the editor that the step being edited needs. Edits that come from the front end
-of an editor become edits of the session, or are taken back. The next picture of an editor is made in the studio's
+of an editor become edits of the session, or are reverted. The next picture of an editor is made in the studio's
 thread; a key records the one that it shows.
 """
 
@@ -238,7 +238,7 @@ class StudioPicture:
     session : determines the picture; editors : show it.
     link : shows the volume from the side of the picture; view : where.
     worker : the thread that makes it.
-    undo : takes back the last edit.
+    undo : undoes the last edit.
 
     Attributes
     ----------

@@ -96,7 +96,7 @@ def go_to(session: Session, state: int, *, recovery: Recovery | None = None) -> 
     """
     if state < 0 and recovery is not None:
         recovery.resume(-1 - state)
-        session.editing.notice = "As an earlier session has left it; undo leads back."
+        session.editing.notice = "As an earlier session has left it; undo reverts this."
         return
     label = session.editing.go_to(state)
     session.editing.notice = f"As it was after: {label}" if label else "As it was in the beginning."

@@ -111,7 +111,7 @@ class Section:
 
     Parameters
     ----------
-    panel : its contents, made when they are first seen; they learn when they are.
+    panel : its contents, made when they are first shown; they are notified when they are.
     is_open : from the start.
     has_heading : by which it is folded; one without is always open.
     """
@@ -276,7 +276,7 @@ def _pane(head: Box, contents: Box, name: str) -> Box:
 
 
 def _group(groups: Mapping[str, Sequence[Section]]) -> Tabs:
-    """Tabs of groups of sections; a panel learns when it is seen."""
+    """Tabs of groups of sections; a panel is notified when it is shown."""
     boxes = {title: [_section(section) for section in sections] for title, sections in groups.items()}
     tabs = Tabs([column(*group, classes="dnb-group") for group in boxes.values()], list(groups))
     known = [

@@ -34,7 +34,7 @@ class RestoreBar(SyncedWidget):
 
     Attributes
     ----------
-    offer : the question; written : when the session was last written, for a front end whose kernel has gone.
+    offer : the question; written : when the session was last written, for a front end whose kernel has ended.
 
     Examples
     --------

@@ -563,7 +563,7 @@ class StepDiagnostics:
 
 
 def look_at_point(editor: Any, point: int) -> None:
-    """Select a point in an editor and bring it to the middle.
+    """Select a point in an editor and center it.
 
     Raises
     ------

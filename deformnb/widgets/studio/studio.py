@@ -541,7 +541,7 @@ class Studio(Boxes):
         with owned_widgets():
             self._begin(session)
         name = before.volume.name or "the volume before"
-        self.session.editing.notice = f"{session.volume.name or 'The volume'} is open; History leads back to {name}."
+        self.session.editing.notice = f"{session.volume.name or 'The volume'} is open; History returns to {name}."
 
     def export(
         self,

@@ -1,8 +1,8 @@
 """Synchronisation of the studio's view with the displacement of the session and with a drag in progress.
 
-While a point of the last step on a picture is dragged, the view's front end follows the editor's by itself. Drags that
-it cannot compute there (in an earlier step, in space, or of steps that are added up) are shown by Python, coarsely:
-the newest movement, whenever the one before is done.
+While a point of the last step on a picture is dragged, the view's front end follows the editor's without Python. Drags
+that it cannot compute there (in an earlier step, in space, or of steps that are added up) are shown by Python,
+coarsely: the newest movement, whenever the one before is done.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from deformnb.widgets.worker import Worker
 
 
 def followed_step(deformation: Deformation) -> int | None:
-    """The step whose drags a front end can show by itself: the last in use, on a picture, and not added to others."""
+    """The step whose drags a front end can show alone: the last in use, on a picture, and not added to others."""
     in_use = [k for k, step in enumerate(deformation.steps) if step.enabled]
     if not in_use or deformation.steps[in_use[-1]].plane is None:
         return None

@@ -273,7 +273,7 @@ def check_map(field: AbstractField | None, index: int) -> None:
 
 
 def followed_state(editor: Any, index: int) -> FollowData:
-    """State of an editor of which a field is made, so that its front end knows whether it has gone on since."""
+    """State of an editor of which a field is made, by which its front end checks whether it has changed since."""
     shapes = ("cuts", "cut_rule", "parts")
     state = editor.get_state(["points", *shapes])
     return {"index": index, "points": state.get("points"), "shapes": {name: state.get(name) for name in shapes}}

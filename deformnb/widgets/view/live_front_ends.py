@@ -145,10 +145,10 @@ class Screenshots:
             self._waiting.pop(number, None)
 
     def receive(self, message: Screenshot, png: Any) -> None:
-        """Take a picture of a front end; DeformError if nobody waits for it."""
+        """Take a picture of a front end; DeformError if no call waits for it."""
         deliver = self._waiting.get(message.id)
         if deliver is None:
-            raise DeformError("nobody waits for this picture.")
+            raise DeformError("no call waits for this picture.")
         deliver(checked_png(png))
 
 

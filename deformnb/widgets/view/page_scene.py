@@ -42,7 +42,7 @@ class PageScene:
     size : (width, height) in pixels.
     seen : how it is shown; the volume and its colours are those of the front end.
     maps : the textures of a field in the box of a grid.
-    patience : seconds without a word of the front end after which it is given up.
+    patience : seconds without a message of the front end after which it is abandoned.
     """
 
     def __init__(

@@ -68,7 +68,7 @@ class PictureSender:
             self._post(Badge(text=text))
 
     def close(self) -> None:
-        """End the transport, and forget the pictures."""
+        """End the transport, and release the pictures."""
         self.frames.forget()
         carrier, self.carrier = self.carrier, None
         if carrier is not None:

@@ -112,7 +112,7 @@ class ShowsPoints(traitlets.HasTraits):
             timer.cancel()
         self.is_quick = phase == "move"
         self.show_deformation(field, output=self.output_grid)
-        if self.is_quick:  # a drag that is given up ends without a word
+        if self.is_quick:  # a cancelled drag ends without a message
             show = weakly(self, ShowsPoints._show_finely, lambda view: view.is_quick)
             self._rest_timer = threading.Timer(_REST, show, (make, points))
             self._rest_timer.daemon = True

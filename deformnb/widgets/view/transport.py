@@ -90,7 +90,7 @@ class FrameSender:
             return self._is_free_again()
 
     def forget_frames(self) -> None:
-        """Forget the frames in flight, which nobody receives: a new front end was not there when they were sent."""
+        """Drop the frames in flight, which have no receiver: a new front end did not exist when they were sent."""
         with self._lock:
             self._sent.clear()
 
@@ -101,7 +101,7 @@ class FrameSender:
         return True
 
     def forget(self) -> None:
-        """Nobody is left who could confirm anything."""
+        """No front end is left that could confirm anything."""
         with self._lock:
             self._sent.clear()
             self._seen.clear()

@@ -211,7 +211,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     ) -> None:
         self._method, self._transfer = method, transfer
         self._sampling: dict[str, Any] = {"map_size": int(map_size), "space_size": int(space_size)}
-        self._has_guests = False  # whether someone has put things into the scene that only it knows
+        self._has_guests = False  # whether a user has added objects to the scene, which exist only there
         self._following: Following | None = None
         self._front_ends = FrontEnds()
         self.pictures = PictureSender(self.post)
@@ -336,7 +336,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             scene.set_clip(self.clip)
             self._set_content(scene)
         except BaseException:
-            scene.close()  # nobody else knows it, and a window of VTK's holds the graphics memory
+            scene.close()  # there is no other reference to it, and a window of VTK's holds the graphics memory
             raise
         return scene
 

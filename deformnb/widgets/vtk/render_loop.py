@@ -90,7 +90,7 @@ class Pace:
 
     def __init__(self, target_ms: float, longest_ms: float) -> None:
         self.target_ms, self.longest_ms, self.scale = target_ms, longest_ms, _FIRST
-        self._rates: deque[float] = deque(maxlen=_RATES)  # milliseconds that a full picture would take, as of late
+        self._rates: deque[float] = deque(maxlen=_RATES)  # milliseconds of recent full pictures
         self._times: dict[str, deque[float]] = {name: deque(maxlen=_KEPT) for name in ("edit", "frame")}
         self._full_ms, self._frames = 0.0, 0
 

@@ -584,7 +584,7 @@ class VtkScene:
             self.shader.load(self.voxels)
             self.shader.warp.set_strength(1.0 if wanted else 0.0)
             self.shader.warp.set_folds(self.folding.is_red)
-        # A shader clips at the visible box by itself, and needs the tissue outside for displacements from there.
+        # A shader clips at the visible box, and needs the tissue outside for displacements from there.
         kept = None if self.shader.warp is not None else self.voxels.clip_box(self._clip)
         if wanted and (self.shader.warp is None or self.shader.maps is None):
             self.voxels.write("warped", self._field, kept)

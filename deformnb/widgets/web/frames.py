@@ -2,7 +2,7 @@
 
 The server is the application's, with the same access control: this machine only, a password made for this view, and of
 other pages' origins only the notebook's may frame it. It runs in a separate thread and ends with the view, or some
-minutes after the last client has gone. Pictures and mouse events use this connection; all else stays with the
+minutes after the last client has left. Pictures and mouse events use this connection; all else stays with the
 notebook's own channel.
 """
 

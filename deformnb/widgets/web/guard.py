@@ -96,7 +96,7 @@ def own_names(host: str, port: int) -> frozenset[str]:
 
 def headers_for(name: str, framed_by: str = "'none'") -> dict[str, str]:
     """Headers of every answer: the page loads from and connects to this server only, and no other page may frame it."""
-    # The client that trame brings compiles its templates in the page: that is what unsafe-eval is for.
+    # The client of trame compiles its templates in the page, which needs unsafe-eval.
     policy = {
         "default-src": "'self'",
         "script-src": "'self' 'unsafe-eval' blob:",
@@ -219,7 +219,7 @@ class SlowRequests:
     async def stop_answers(self) -> None:
         """Stop the answers in progress; to be done before its connections are cut off.
 
-        Python sends a file by the system and does not learn there that its connection was cut off: the task of a reader
+        Python sends a file by the system and has no report there that its connection was cut off: the task of a reader
         who does not read would wait on, and aiohttp a minute for that.
         """
         tasks = list(self._busy.values())
@@ -354,11 +354,11 @@ class MessageGuard:
         try:
             with self._handler.network_monitor:
                 await self._handler.onCompleteMessage(call, client_id)
-        except (ConnectionError, RuntimeError, KeyError) as error:  # the page has gone meanwhile
+        except (ConnectionError, RuntimeError, KeyError) as error:  # the client has left meanwhile
             self._drop("no way to answer: %s", type(error).__name__)
 
     async def leave(self, client_id: str) -> None:
-        """Called by wslink when a connection ends, or never came to be: it forgets it only if this returns."""
+        """Called by wslink when a connection ends, or was never made: wslink drops it only if this returns."""
         if client_id in self._handler.unchunkers:
             try:
                 await self._close(client_id)
@@ -484,7 +484,7 @@ class SiteGuard:
 
     async def end(self, ending: asyncio.Future[Any]) -> None:
         """End all connections while the server ends: who does not answer, or does not read, cannot hold that up."""
-        server = self._served.runner.server  # which its runner forgets at the end
+        server = self._served.runner.server  # which its runner drops at the end
         await asyncio.wait({ending}, timeout=2 * FAREWELL_SECONDS)
         await self._slow_requests.stop_answers()
         for connection in list(server.connections):

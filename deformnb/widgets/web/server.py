@@ -51,7 +51,7 @@ class Content(Protocol):
         """Bundles that the page loads as files of the folder ``deformnb``."""
 
     def disconnect(self) -> None:
-        """A client has gone."""
+        """A client has left."""
 
 
 class PageServer:
@@ -173,7 +173,7 @@ class PageServer:
     @contextlib.contextmanager
     def _signals(self) -> Iterator[None]:
         loop, caught = asyncio.get_running_loop(), []
-        reasons = {"SIGINT": "Ctrl-C", "SIGTERM": "by the system", "SIGHUP": "the terminal has gone"}
+        reasons = {"SIGINT": "Ctrl-C", "SIGTERM": "by the system", "SIGHUP": "the terminal was closed"}
         for name, why in reasons.items():
             number = getattr(signal, name, None)
             # Signals belong to the main thread; tests run a server in another.
@@ -240,7 +240,7 @@ class PageServer:
 
 
 def _outlives_its_terminal() -> bool:
-    """Check whether the server shall stay when the terminal has gone, as nohup requests."""
+    """Check whether the server shall stay when the terminal is closed, as nohup requests."""
     return hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 

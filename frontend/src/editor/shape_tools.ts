@@ -473,7 +473,7 @@ export class ShapeTools {
     if (!this.#change({ region }, isStop ? "stop" : "lengthen")) return true;
     editor.frames.drawNow();
     this.handles.focusCorner(k);
-    const words = isStop ? "The cut stops here" : "The cut goes on to the border";
+    const words = isStop ? "The cut stops here" : "The cut continues to the border";
     editor.messages.hint(`${words}; a double-click on its end changes that`, 4000);
     editor.messages.announce(words);
     return true;
@@ -487,7 +487,7 @@ export class ShapeTools {
     if (
       this.#change({ region: { kind, vertices, ...(isStop && { stops: [true, true] }) } }, isStop ? "stop" : "lengthen")
     ) {
-      this.editor.messages.announce(isStop ? "The cut stops at its ends" : "The cut goes on to the border");
+      this.editor.messages.announce(isStop ? "The cut stops at its ends" : "The cut continues to the border");
     }
   }
 

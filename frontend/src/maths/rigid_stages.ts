@@ -437,7 +437,7 @@ function stageFit(
     return directedFit(points, parts, settings);
   } catch (error) {
     if (!(error instanceof RbfError)) throw error;
-    throw new RbfError(`in stage ${j} of ${count}, on the straight ways of the points: ${error.message}`);
+    throw new RbfError(`in stage ${j} of ${count}, on the straight paths of the points: ${error.message}`);
   }
 }
 

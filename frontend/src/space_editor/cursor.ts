@@ -65,7 +65,7 @@ export class SliceCursor {
     this.rest();
   }
 
-  /** Bring the slices to a point. */
+  /** Move the slices to a point. */
   goTo(id: number) {
     const { messages, points } = this.editor,
       p = points.withId(id);

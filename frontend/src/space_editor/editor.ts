@@ -47,7 +47,7 @@ const SPACE_GROUPS: ToolEntry[][] = [
     ["redo", "Redo", "Redo", false, "future"],
   ],
   [
-    ["go", "Go to", "Bring the slices to the selected point", false, "one"],
+    ["go", "Go to", "Move the slices to the selected point", false, "one"],
     ["compare", "Before", "Show the volume as it was", true],
   ],
   [

@@ -284,7 +284,7 @@ def test_a_file_is_described_with_the_direction_of_its_map(
     names = [tmp_path / f"{name}.{suffix}" for name in ("there", "back", "again")]
     write_transform(field, names[0], GRID, inverse=names[1])
     assert main(["transform", str(names[1]), str(tmp_path / "v.nrrd"), str(names[2])]) == 0  # and stays unchanged
-    assert "it maps forward, as its source says" in capsys.readouterr().err
+    assert "it maps forward, as its source states" in capsys.readouterr().err
     for path, direction in zip(names, ("backward", "forward", "forward"), strict=True):
         assert main(["info", str(path)]) == 0
         rows = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())

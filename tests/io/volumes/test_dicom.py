@@ -119,7 +119,7 @@ def test_missing_double_and_uneven_slices(tmp_path: Path) -> None:
     np.testing.assert_array_equal(volume.values, VOXELS)
     assert volume.notes == ("1 files that repeat another were left out",)
     write_slice(tmp_path / "copy.dcm", VOXELS[0], 10 + NORMAL * 5, uid=SERIES + ".77")
-    refuse(tmp_path, "lie at the same place")
+    refuse(tmp_path, "are at the same place")
     write_slice(tmp_path / "copy.dcm", VOXELS[0], 10 + NORMAL * 6, uid=SERIES + ".77")
     refuse(tmp_path, "unevenly spaced: 2 of 6")
 

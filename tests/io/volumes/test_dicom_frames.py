@@ -87,7 +87,7 @@ def test_frames_that_are_miscounted(changes: dict[str, Any], words: str, tmp_pat
 
 def test_frames_at_one_place_are_several_times(tmp_path: Path) -> None:
     write_enhanced(tmp_path / "a.dcm", np.array([0, 1, 2, 2]))
-    with pytest.raises(VolumeFileError, match=r"frame 3 and a.dcm frame 4 lie at the same place"):
+    with pytest.raises(VolumeFileError, match=r"frame 3 and a.dcm frame 4 are at the same place"):
         read_volume(tmp_path / "a.dcm")
 
 

@@ -254,7 +254,7 @@ def test_a_label_file_is_opened_and_several_labels_are_taken_in_one_edit(tmp_pat
     shapes = panel(made, "Rigid parts and cuts")
     menu, labels = shapes.labels.file, shapes.labels.list
     assert menu.options == (("open a label file", ""), *((name, name) for name in (path.name, "far.nrrd", "scan.nrrd")))
-    for name, words in (("scan.nrrd", "is no label volume"), ("far.nrrd", "lies elsewhere in space")):
+    for name, words in (("scan.nrrd", "is no label volume"), ("far.nrrd", "is at another place in space")):
         menu.value = name
         assert words in get_notice(made)
         assert menu.value == ""

@@ -72,7 +72,7 @@ def test_what_hangs_together_is_selected_and_becomes_a_part_and_a_cut() -> None:
     assert use(rod, rule="darker", tolerance=0.0)["region"] is not None
     assert "air or padding" in use((0.0, 0.0))["words"]
     assert editor.wand["failed"]
-    assert "beside the picture" in use((-99.0, 0.0))["words"]
+    assert "outside the picture" in use((-99.0, 0.0))["words"]
 
     use(rod, through=True)
     use(rod, "part")

@@ -60,7 +60,7 @@ class DiagnosticsUpdates(Panel):
         self.refresh()
 
     def weakly(self, method: Callable[..., Any], owner: Any = None) -> Callable[..., None]:
-        """A callback that does nothing once its owner, by default this, has gone or the thread has ended."""
+        """A callback that does nothing once its owner, by default this, is deleted or the thread has ended."""
         worker = self._worker
         return weakly(owner or self, method, lambda _owner: not worker.is_closed)
 

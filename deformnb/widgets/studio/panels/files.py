@@ -447,7 +447,7 @@ class OutputCheck(Panel):
 
     def arrange(self) -> None:
         if self.session.editing.output is None and not self._is_requested:
-            self.follows = False  # it was taken back
+            self.follows = False  # it was undone
         if self._known is not self.session.editing.deformation:
             self._known = self.session.editing.deformation
             self._request()

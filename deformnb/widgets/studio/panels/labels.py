@@ -68,7 +68,7 @@ class LabelChooser(Panel):
         super().__init__(session, guard)
         self._take, self._files = take, FolderFiles(folder)
         self._labels: Volume | None = None
-        self._table: Mapping[int, str] = {}  # of names, which came by itself
+        self._table: Mapping[int, str] = {}  # of names, which was opened without labels
         self._opened = _NONE
         self.file = self.add(
             menu(

@@ -127,7 +127,7 @@ class OpenPanel(Panel):
 
     def _open_session(self, name: str, document: Deformation, allow_other_volume: bool = False) -> None:
         self.session.take(document, f"open {name}", allow_other_volume=allow_other_volume)
-        self.session.editing.notice = self.session.editing.notice or f"Opened {name}; undo leads back."
+        self.session.editing.notice = self.session.editing.notice or f"Opened {name}; undo reverts this."
 
     def _take_volume(self, path: Path, progress: Progress) -> None:
         subject, names = subject_from(path, progress=progress), read_label_names(path)

@@ -1,6 +1,6 @@
 """Steps panel: choose, name, switch, order, duplicate and delete steps; add one; composition mode; the history.
 
-The history is a list of every state that can be gone to, with branches indented and the current one marked.
+The history is a list of every state that can be restored, with branches indented and the current one marked.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ _HINT = "Click on a state to go there. An edit after an undo begins a branch; un
 
 
 class HistoryPanel(Panel):
-    """All states of the document that can be gone to, and what earlier sessions on the volume have left unsaved.
+    """All states of the document that can be restored, and unsaved edits of earlier sessions on the volume.
 
     Examples
     --------

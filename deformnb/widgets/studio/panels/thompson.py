@@ -432,7 +432,7 @@ def strength_text(strength: float) -> str:
         return "the opposite way"
     if strength < 0:
         return f"the opposite way, {-strength:.2f} times as far"
-    return "exaggerated" if strength > 1 else "on the way"
+    return "exaggerated" if strength > 1 else "partial"
 
 
 def _place(side: str) -> Box:

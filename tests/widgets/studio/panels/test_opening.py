@@ -121,7 +121,7 @@ def test_a_volume_opens_in_place_of_another_and_history_leads_back(tmp_path: Pat
     assert studio.session is not first
     np.testing.assert_array_equal(studio.volume.values, other.values)
     assert seen == [studio.deformation]
-    assert "History leads back to bar" in studio.parts.words.notice.value
+    assert "History returns to bar" in studio.parts.words.notice.value
     assert shown() is not studio.view
     assert opening.question.box.children == ()  # the parts before are closed
     first.editing.change(trend="none")  # and whoever still holds their session changes nothing here

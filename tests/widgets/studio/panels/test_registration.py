@@ -112,7 +112,7 @@ def test_without_a_target_nothing_can_be_pressed(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     assert bench.panel.choice.value == NO_TARGET
     assert all(made.disabled for made in bench.panel.buttons.values())
-    assert "Choose what the volume shall look like" in bench.message_text
+    assert "Choose the target of the volume" in bench.message_text
     bench.panel.close()
 
 
@@ -231,7 +231,7 @@ def test_a_target_elsewhere_in_space_is_laid_middle_on_middle(tmp_path: Path) ->
     far = Volume(TARGET.values, Grid(SHAPE, (1.0, 1.0, 1.0), (500.0, 0.0, -90.0)), "far")
     target = FitTarget(Session(VOLUME, view="+y"), tmp_path, far)
     target.choose(GIVEN)
-    assert "middle on middle" in target.note
+    assert "middles coincide" in target.note
     moving, fixed = target.pair()
     assert np.allclose(fixed.raster.origin, moving.raster.origin)  # type: ignore[union-attr]
 

@@ -123,7 +123,7 @@ def test_branches_of_branches_end_somewhere_and_none_is_lost() -> None:
 def test_the_oldest_state_tells_that_there_was_more() -> None:
     from deformnb.widgets.studio.history_labels import history_row
 
-    assert "no longer kept" in history_row(HistoryNode(5, None, "bend", 0.0, False, True), 0, True)["title"]
+    assert "no longer stored" in history_row(HistoryNode(5, None, "bend", 0.0, False, True), 0, True)["title"]
 
 
 def test_a_tab_that_is_not_seen_sends_no_rows_and_catches_up(session: Session) -> None:

@@ -131,7 +131,7 @@ def test_magnify_is_the_strength_of_the_step_and_told_in_words(panel: ThompsonPa
         assert panel.words.value == said
     assert panel.session.editing.history["undo"] == "change strength"
     assert strength_text(-2.5) == "the opposite way, 2.50 times as far"
-    assert strength_text(0.4) == "on the way"
+    assert strength_text(0.4) == "partial"
 
 
 def test_lines_and_overlay_are_those_of_the_editor() -> None:
