@@ -318,7 +318,7 @@ def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
     if np.count_nonzero(active.displacement.any(axis=1)) < 2:
         return ()
     found: set[int] = set()
-    ids, gaps, holds = np.array(system.ready.ids), _gaps(system.x), _holding_the_rim(system)
+    ids, gaps, holds = np.array(system.ready.ids), _gaps(system.x), _rim_mask(system)
     while system.kept.sum() >= system.dim + 4 and len(found) < _MOST_SUSPECTS:
         lengths = _lengths(_leave_one_out(system, _alone(system)))
         eased = np.sqrt(np.abs(system.energy.diagonal())) * lengths  # its square is the fall of the energy without it
@@ -331,7 +331,7 @@ def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
     return tuple(i for i in active.ids if i in found)
 
 
-def _holding_the_rim(system: FitSystem) -> NDArray[np.bool_]:
+def _rim_mask(system: FitSystem) -> NDArray[np.bool_]:
     """Mask of the places that are not dragged and on the convex hull of all."""
     holds = np.zeros(system.count, dtype=bool)
     with contextlib.suppress(scipy.spatial.QhullError):  # all on one line, or in one plane of space

@@ -213,11 +213,11 @@ def announce(url: str, idle: float, stack: contextlib.ExitStack | None) -> None:
     alone = f", and so do {idle:g} minutes without a page (--idle)" if idle else ""
     _print(f"open this address in a browser of this machine; Ctrl-C ends it{alone}.")
     if stack is not None:
-        webbrowser.open(stack.enter_context(_doorway(url)).as_uri())
+        webbrowser.open(stack.enter_context(_redirect_file(url)).as_uri())
 
 
 @contextlib.contextmanager
-def _doorway(url: str) -> Iterator[Path]:
+def _redirect_file(url: str) -> Iterator[Path]:
     """A file that leads to the address: arguments of a program, such as a browser, can be read by other users."""
     handle, name = tempfile.mkstemp(prefix="deformnb-", suffix=".html")  # only its owner may read it
     try:

@@ -205,7 +205,7 @@ class History:
 
     def _leave(self, state: Any) -> None:
         self._nodes[self._current].state = state
-        self._ledger.hold(state)
+        self._ledger.retain(state)
 
     def _arrive(self, to: int, current: Any) -> Any:
         self._kind = None
@@ -276,7 +276,7 @@ class _Ledger:
         self._weigh = weigh
         self._held: dict[int, _Held] = {}
 
-    def hold(self, part: Any) -> None:
+    def retain(self, part: Any) -> None:
         """One more holder of a part."""
         held = self._held.get(id(part))
         if held is not None:
@@ -286,7 +286,7 @@ class _Ledger:
         self._held[id(part)] = _Held(part, 1, size, inner)
         self.total += size
         for other in inner:
-            self.hold(other)
+            self.retain(other)
 
     def release(self, part: Any) -> None:
         """Remove one holder; the last of them frees the parts of the part."""

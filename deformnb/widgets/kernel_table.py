@@ -63,7 +63,7 @@ class KernelTable:
         }
 
 
-def table_for_page(name: str) -> dict[str, Any] | None:
+def table_for_client(name: str) -> dict[str, Any] | None:
     """The table of a kernel by its name, as JSON; None for those that front ends have themselves."""
     return None if name in BUILT_IN else _json_of(as_kernel(name))
 

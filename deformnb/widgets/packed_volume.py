@@ -114,7 +114,7 @@ class PackedVolume:
         """Facts for the front end before the voxels come."""
         grid = self.volume.grid
         home = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0]}
-        views = {view: _look(Plane.from_view(self.original, view)) for view in VIEWS}
+        views = {view: _camera_axes(Plane.from_view(self.original, view)) for view in VIEWS}
         return {
             "id": self.id,
             "shape": list(grid.shape[::-1]),
@@ -166,7 +166,7 @@ def unit_of(grid: Grid) -> str:
     return grid.unit or ("voxels" if grid.spacing == (1.0, 1.0, 1.0) else "")
 
 
-def _look(plane: Plane) -> dict[str, list[float]]:
+def _camera_axes(plane: Plane) -> dict[str, list[float]]:
     return {"direction": list(plane.normal), "up": [-c for c in plane.v]}
 
 

@@ -42,7 +42,7 @@ from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.image_encoding import as_png
-from deformnb.widgets.kernel_table import table_for_page
+from deformnb.widgets.kernel_table import table_for_client
 from deformnb.widgets.messages.views import FieldMaps, FollowData
 from deformnb.widgets.packed_volume import PackedVolume, packed_volume
 from deformnb.widgets.parameters import PAGE_CONTROLS, as_json
@@ -221,7 +221,7 @@ def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iter
         "field": part.field if part else None,
         "still_background": part.background if part else None,
         "kernels": {k.name: k.order for k in KERNELS.values()},
-        "kernel_tables": {kernel: table for kernel in KERNELS if (table := table_for_page(kernel))},
+        "kernel_tables": {kernel: table for kernel in KERNELS if (table := table_for_client(kernel))},
         "trends": {t.name: t.order for t in TRENDS.values()},
         "controls": list(controls),
         "cut_off": part.cut_off if part else None,

@@ -333,7 +333,7 @@ def test_an_old_field_does_not_replace_what_the_editor_has_gone_on_to_show(page:
     page.wait(f"{LINK}.count > 1")
     moved_on = column(page.pixels())
     assert moved_on - start > 25
-    view.fields.hold(ShownField(stale, followed=field_of_old_points))
+    view.fields.replace(ShownField(stale, followed=field_of_old_points))
     view.fields.offer()
     page.flush()
     assert column(page.pixels()) == pytest.approx(moved_on, abs=0.3)

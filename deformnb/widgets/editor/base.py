@@ -24,7 +24,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.support import CHOOSE_SUPPORT
-from deformnb.widgets.kernel_table import table_for_page
+from deformnb.widgets.kernel_table import table_for_client
 from deformnb.widgets.messages.editors import (
     EDITOR,
     EditDone,
@@ -137,7 +137,7 @@ class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
 
 
 def _settings_to_json(value: FitSettings, widget: Any) -> dict[str, Any]:
-    table = table_for_page(value.kernel)
+    table = table_for_client(value.kernel)
     return {
         **value.as_dict(),
         "chosen_support": value.chosen_support and value.chosen_support.radius,

@@ -332,11 +332,11 @@ class SpaceEditor(EditedPoints):
         elif isinstance(message, Seen):
             self.sender.pacer.confirm(message.seq)
         elif isinstance(message, SlicesMoved):
-            self._look(message)
+            self._take_slices(message)
         else:
             super().take_message(message, buffers)
 
-    def _look(self, message: SlicesMoved) -> None:
+    def _take_slices(self, message: SlicesMoved) -> None:
         self.sender.is_moving = message.moving
         for name, value in (
             ("cursor", message.cursor),

@@ -638,13 +638,13 @@ class Studio(Boxes):
         """Wait until the work of the studio's thread is done, pictures among it. For scripts and tests."""
         done, worker = threading.Event(), self.parts.worker
 
-        def look() -> None:
+        def poll() -> None:
             if worker.is_wanted and not worker.is_closed:
-                worker.latest("wait", look)  # behind the requests of the work itself
+                worker.latest("wait", poll)  # behind the requests of the work itself
             else:
                 done.set()
 
-        worker.latest("wait", look)
+        worker.latest("wait", poll)
         if not done.wait(timeout):
             raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
 

@@ -53,7 +53,7 @@ class StudioLink:
         """Show the displacement of the session, and from now on the drags in this editor."""
         session = self._session
         field = session.results.field()
-        follows = self._page_can_follow(field)
+        follows = self._client_can_follow(field)
         with self._lock:
             self._serial += 1
             self._editor, self._has_previewed = editor, False
@@ -95,7 +95,7 @@ class StudioLink:
         if self._in_space is not None:
             self._view.edit_points(None)
 
-    def _page_can_follow(self, field: AbstractField) -> bool:
+    def _client_can_follow(self, field: AbstractField) -> bool:
         if self._session.editing.index != followed_step(self._session.editing.deformation):
             return False
         maps = count_maps(field)

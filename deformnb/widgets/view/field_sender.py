@@ -72,7 +72,7 @@ class FieldSender:
     >>> import threading
     >>> sent = []
     >>> sender = FieldSender(lambda: None, lambda *message: sent.append(message), threading.RLock())
-    >>> sender.hold(ShownField())
+    >>> sender.replace(ShownField())
     >>> sender.offer()
     >>> sent  # no front end has come
     []
@@ -97,7 +97,7 @@ class FieldSender:
         self.pacer = Pacer(self._send)
         self.sent_bytes = 0
 
-    def hold(self, shown: ShownField) -> None:
+    def replace(self, shown: ShownField) -> None:
         """Take another field, without sending it: a front end may have made it itself."""
         with self._lock:
             self.shown, self._maps, self._moved = shown, None, None

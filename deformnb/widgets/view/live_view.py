@@ -208,7 +208,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         given = as_volume(volume)
         with self._lock:  # throughout: of two concurrent calls, one is shown whole
             self.source.put(given, window, all_values=self.projection == "mip")
-            self.fields.hold(ShownField())
+            self.fields.replace(ShownField())
             self._announce()
         self.fields.offer()
         self._fallback.update()
@@ -236,7 +236,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         with self._lock:
             if is_too_large or self.source.needs_repacking(all_values=self.projection == "mip"):
                 self.source.repack(all_values=self.projection == "mip")
-                self.fields.hold(self.fields.shown)
+                self.fields.replace(self.fields.shown)
                 self._announce()
 
     @property
@@ -255,11 +255,13 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         field = deformation.field(grid) if isinstance(deformation, Deformation) else deformation
         if field is not None and field.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
-        self._hold(field, output, followed)
+        self._replace_field(field, output, followed)
         self.fields.offer()
 
-    def _hold(self, field: AbstractField | None, output: Grid | None, followed: FollowData | None) -> None:
-        self.fields.hold(ShownField(field, output, followed, is_quick=self.is_quick, points_editor=self.points_editor))
+    def _replace_field(self, field: AbstractField | None, output: Grid | None, followed: FollowData | None) -> None:
+        self.fields.replace(
+            ShownField(field, output, followed, is_quick=self.is_quick, points_editor=self.points_editor)
+        )
 
     def follow(
         self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *, output: Grid | None = None
@@ -280,7 +282,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if is_same_map and differ_in_one_map(
             index, shown.field, field
         ):  # the front end made that map itself: nothing to send
-            self._hold(field, output, followed)
+            self._replace_field(field, output, followed)
         else:
             self._take(field, output, followed)
             self.editor_map = index
@@ -323,7 +325,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         All frames are sent once; then nothing is, however often they are played. Showing anything else ends it. An
         editor that the view follows is followed on: a drag is seen immediately, also during a moment.
         """
-        self.fields.hold(ShownField(output=output, moments=maps))
+        self.fields.replace(ShownField(output=output, moments=maps))
         self.player = player
         self.fields.offer()
         self._fallback.update()

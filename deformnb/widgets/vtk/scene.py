@@ -452,18 +452,18 @@ class VtkScene:
             self._load(self.voxels.output)
             if self._field is not None:
                 self.set_field(self._field, self.voxels.output)
-        self._apply_looks()
+        self._apply_display()
 
     def set_projection(self, projection: str) -> None:
         """Show "shaded", as "composite" without shading, or the largest value of each ray, "mip"."""
         self._projection = check_choice(projection, VOLUME_PROJECTIONS, "projection")
-        self._apply_looks()
+        self._apply_display()
 
     def set_background(self, background: str) -> None:
         """A "dark" or a "light" one."""
         self._background = check_choice(background, BACKGROUNDS, "background")
         self._vtk_window.set_background(BACKGROUNDS[background])
-        self._apply_looks()
+        self._apply_display()
 
     def set_camera(self, camera: dict[str, Any]) -> None:
         """Set the camera: direction, up, zoom, pan and perspective as in a view's ``camera``."""
@@ -558,9 +558,9 @@ class VtkScene:
         if self.path == "texture":
             self.shader.open(window)
         self._apply_clip()
-        self._apply_looks()
+        self._apply_display()
 
-    def _apply_looks(self) -> None:
+    def _apply_display(self) -> None:
         if self._transfer is None:
             return
         transfer, values = self._transfer, self.voxels.volume.value_range

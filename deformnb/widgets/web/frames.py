@@ -139,7 +139,7 @@ class _ViewArea:
     def __init__(self, view: Any) -> None:
         self._view = weakref.ref(view)
         self._sides: dict[str, Any] = view.volume_info.get("views", {})
-        self._mouse = MouseCamera(self._look, self._store_camera)
+        self._mouse = MouseCamera(self._change_camera, self._store_camera)
         self._pictures = Pictures(self._push)
         self._server: PageServer | None = None
         self._camera = view.camera
@@ -176,7 +176,7 @@ class _ViewArea:
             "trame.rca.size": for_area(self._size),
             "trame.rca.event": for_area(self._event),
             "deformnb.seen": for_area(self._confirm),
-            "deformnb.look": self._look_from,
+            "deformnb.look": self._set_side,
         }
 
     def bundles(self) -> tuple[str, ...]:
@@ -203,14 +203,14 @@ class _ViewArea:
     def _confirm(self, number: Any, page: Any = "") -> None:
         self._send_to_view({"type": "seen", "seq": number}, page)
 
-    def _look_from(self, side: Any) -> None:
+    def _set_side(self, side: Any) -> None:
         """Set the camera to a side, by its name."""
         view = self._view()
         if not isinstance(side, str) or side not in self._sides or view is None:
             raise DeformError("there is no such side.")
         view.camera = self._camera = checked_camera(self._sides[side])
 
-    def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+    def _change_camera(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
         self._camera = change(self._camera)
         self._number += 1
         self._send_to_view({"type": "camera", "camera": self._camera, "number": self._number}, _NAME)

@@ -505,7 +505,7 @@ export class ShapeTools {
   nudge(grip: Grip, [dx, dy]: Vector2, pixels: number) {
     const { editor } = this,
       [du, dv] = editor.model.get("raster").spacing;
-    const [da, db] = this.#wayOf([dx * pixels * du, dy * pixels * dv]);
+    const [da, db] = this.#toOutline([dx * pixels * du, dy * pixels * dv]);
     const corner = grip.middle !== null ? this.insertCorner(grip.middle) : grip.corner,
       shape = this.choice.shape;
     if (!shape) return;
@@ -520,7 +520,7 @@ export class ShapeTools {
   /**
    * A displacement of the picture as one of the chosen shape's outline, which is where the shape was before its motion.
    */
-  #wayOf(way: Vector2) {
+  #toOutline(way: Vector2) {
     return this.choice.shape ? inverseDirection(motionOf(this.choice.shape), way) : way;
   }
 
@@ -556,7 +556,7 @@ export class ShapeTools {
     if (!drag0 || !chosen) return;
     const { region: region0, corner, at } = drag0,
       { what, index } = chosen;
-    const [da, db] = this.#wayOf([dx / k, dy / k]);
+    const [da, db] = this.#toOutline([dx / k, dy / k]);
     const region =
       corner === null
         ? translateRegion(region0, da, db)

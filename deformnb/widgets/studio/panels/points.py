@@ -135,7 +135,7 @@ class PointsPanel(Panel):
         points = self.session.editing.points
         known = [i for i in act.ids if i in set(points.ids)]
         if act.what == "look":
-            self._look(known)
+            self._show_point(known)
         elif act.what == "cell" and not known:
             raise DeformError(f"there is no control point {act.ids[0]} any more.")
         elif act.what == "cell":
@@ -153,7 +153,7 @@ class PointsPanel(Panel):
         if points != before:
             self.session.editing.edit_points(points, edit_label(before, points))
 
-    def _look(self, ids: list[int]) -> None:
+    def _show_point(self, ids: list[int]) -> None:
         if ids:
             self._editors.current.selected = ids[:1]
             self._editors.current.look_at(ids[0])
