@@ -92,7 +92,7 @@ export class PointTools {
 
   hintLocked([id]: number[]) {
     const p = this.editor.points.withId(id!);
-    if (p) this.editor.messages.hint(`${p.name || `PicturePoint ${p.id}`} is locked; L frees it`, 4000);
+    if (p) this.editor.messages.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
   }
 
   /**

@@ -117,7 +117,7 @@ export class SpacePointTools {
 
   announceLocked(id: number) {
     const p = this.editor.points.withId(id);
-    if (p) this.editor.messages.hint(`${p.name || `SpacePoint ${p.id}`} is locked; L frees it`, 4000);
+    if (p) this.editor.messages.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
   }
 
   toggleLock(ids: number[]) {
