@@ -302,7 +302,7 @@ def test_find_says_whether_it_is_real(serve, capsys):
     assert re.search("no real carp: .*404.*; the phantom is used\n", capsys.readouterr().out)
     assert nothing_left(folder)
     assert not find("lobster", (8, 16, 8))[1]
-    assert "by hand" in capsys.readouterr().out
+    assert "manually" in capsys.readouterr().out
     write_volume(PHANTOMS["lobster"].make((8, 16, 4)), folder / "lobster.nrrd")
     volume, real = find("lobster")
     assert (volume.shape, real, volume.name) == ((8, 16, 4), True, "lobster")

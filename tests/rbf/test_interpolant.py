@@ -596,7 +596,7 @@ def test_radii_that_do_not_go_together_are_refused_by_name() -> None:
     points = ControlPoints.from_arrays(
         [[5, 0], [0.001, 3], [60, 0]], [[0, 0], [0.001, 0], [60, 0]], radius=[1e4, 2e4, 20]
     )
-    with pytest.raises(DeformError, match=r"do not go together.*closest are"):
+    with pytest.raises(DeformError, match=r"incompatible.*closest are"):
         fit_rbf(points, trend="none", support=100.0)
 
 

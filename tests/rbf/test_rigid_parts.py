@@ -241,7 +241,7 @@ def test_points_in_a_part_that_ask_for_what_it_does_are_left_out() -> None:
 
 def test_points_in_a_part_that_ask_for_something_else_are_refused_by_name() -> None:
     pulled = points().add([75.0, 70.0], [77.0, 70.0], name="knee")
-    with pytest.raises(DeformError, match=r'knee.* lies in the rigid part "femur", which is fixed; move or remove'):
+    with pytest.raises(DeformError, match=r'knee.* is in the rigid part "femur", which is fixed; move or remove'):
         fit_rigid(pulled, [RigidPart(BOX, name="femur")], support=SUPPORT)
     with pytest.raises(DeformError, match="is in a rigid part, which has its own motion"):
         fit_rigid(points().add([75.0, 70.0], TURN([75.0, 70.0]) + 1), [RigidPart(BOX, TURN)], support=SUPPORT)
@@ -307,7 +307,7 @@ def test_jax_and_lattices_say_what_points_say(name: str) -> None:
         (lambda: RigidPart(BOX, reach=0.0), "reach"),
         (lambda: RigidPart(BOX, reach=np.nan), "reach"),
         (lambda: RigidPart(BOX, RigidMotion.turn(1, (0, 0, 0), axis=(1, 0, 0))), "motion of 3 dimensions"),
-        (lambda: fit_rigid(points(3), [RigidPart(BOX)]), "lies in 2 dimensions, the control points in 3"),
+        (lambda: fit_rigid(points(3), [RigidPart(BOX)]), "has 2 dimensions, the control points in 3"),
         (lambda: fit_rigid(points(), [RigidPart(Line([(0, 0), (1, 1)]))]), "no inside"),
         (lambda: fit_rigid(points(), [RigidPart(WALL, weight="distance")], kernel="thin_plate"), "distance"),
     ],

@@ -41,7 +41,7 @@ def test_a_part_around_a_dragged_point_is_one_edit_with_the_point() -> None:
     session.editing.edit_points(session.editing.points.add(middle, np.add(middle, [1.0, 0.5])))
     points, (a, b) = session.editing.points, middle
     part = RigidPart(Polygon([(a - 3, b - 3), (a + 3, b - 3), (a + 3, b + 3), (a - 3, b + 3)]), name="bone")
-    with pytest.raises(DeformError, match='lies in the rigid part "bone"'):
+    with pytest.raises(DeformError, match='is in the rigid part "bone"'):
         session.editing.add_part(part)
     with pytest.raises(DeformError, match="no way 'drop'"):
         session.editing.add_part(part, held="drop")

@@ -159,7 +159,7 @@ def test_a_folder_of_slices_in_natural_order(tmp_path: Path) -> None:
         (np.zeros((33, 47), np.complex64), {}, "bits|format"),
         (np.zeros((33, 47, 4), np.uint8), {"photometric": "separated"}, "colours"),
         (np.zeros((33, 47, 3), np.uint8), {"photometric": "cielab"}, "colours"),
-        (np.zeros((8, 33, 47), np.uint8), {"volumetric": True, "tile": (16, 16, 16)}, "volumes by themselves"),
+        (np.zeros((8, 33, 47), np.uint8), {"volumetric": True, "tile": (16, 16, 16)}, "each of its pages is a volume"),
     ],
 )
 def test_pixels_that_are_no_voxels(values: np.ndarray, options: dict, words: str, tmp_path: Path) -> None:
