@@ -14,7 +14,7 @@ from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import BUILT_IN, KERNELS, AbstractKernel, register_kernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Raster
-from deformnb.widgets.kernel_table import kernel_table, table_for_page
+from deformnb.widgets.kernel_table import kernel_table, table_for_client
 from deformnb.widgets.messages.points import points_to_json
 
 FILES = ("maths/rbf.ts", "maths/kernel_table.ts")
@@ -59,7 +59,7 @@ def test_a_table_is_as_near_to_its_function_as_it_says() -> None:
     rho = np.concatenate([[1e-9, 1e-7], np.geomspace(1e-6, 1e6, 400), np.linspace(0.3, 1.3, 300)])
     main = """([tables, s]) => tables.map((table) => { const { profile, slope } = kernelOfTable(table);
         return [profile(0), s.map(profile), s.map(slope)]; })"""
-    found = run_script(FILES, main, [[table_for_page(name) for name in formulas], (rho**2).tolist()])
+    found = run_script(FILES, main, [[table_for_client(name) for name in formulas], (rho**2).tolist()])
     with mpmath.workdps(30):
         for (name, formula), (at0, phi, slope) in zip(formulas.items(), found, strict=True):
             table = kernel_table(KERNELS[name])
@@ -106,7 +106,7 @@ def test_a_page_fits_with_a_registered_kernel_as_python_does(name: str, trend: s
             "points": points_to_json(points),
             "raster": raster,
             "places": PLACES,
-            "settings": {**settings, "kernel_table": table_for_page(name)},
+            "settings": {**settings, "kernel_table": table_for_client(name)},
         },
     )
     fit = fit_rbf(points, kernel=built_in or name, trend=trend, support=260.0)
@@ -118,9 +118,9 @@ def test_a_page_fits_with_a_registered_kernel_as_python_does(name: str, trend: s
 
 
 def test_a_kernel_that_is_registered_again_takes_the_place_of_the_first() -> None:
-    first = table_for_page("matern")
+    first = table_for_client("matern")
     register_kernel(lambda rho: jnp.exp(-3 * rho), name="matern")
-    tables = [first, table_for_page("matern")]
+    tables = [first, table_for_client("matern")]
     main = """(tables) => tables.map((kernel_table) => {
         rbfKernelOf({ kernel: kernel_table.name, kernel_table });
         return RBF_KERNELS[kernel_table.name].profile(0.25); })"""
