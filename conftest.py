@@ -1,4 +1,4 @@
-"""Fixtures of tests and of the examples in docstrings: no autosaved session goes into the user's own folder."""
+"""Fixtures of tests and of the examples in docstrings: one thread of OpenBLAS, no autosaved session of the user."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ import pytest
 
 pytest_plugins = ["browser_repeats", "browser_start", "file_scheduling", "nightly", "node_files", "report_without_gc"]
 
-# An environment variable, for child processes too; the folder goes when the run ends.
+# Environment variables, for child processes too. OpenBLAS reads this one when NumPy is imported, which the plugins do:
+# its threads wait for one another by spinning, and where several processes share the processors that was half of the
+# time of a fit. The nightly run has them, as users' processes do.
+if os.environ.get("HYPOTHESIS_PROFILE") != "nightly":
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# No session that saves itself goes into the user's folder; this one goes when the run ends.
 _STATE = tempfile.TemporaryDirectory(prefix="deformnb-state-", ignore_cleanup_errors=True)
 os.environ["DEFORMNB_STATE"] = _STATE.name
 

@@ -28,9 +28,12 @@ os.environ.pop("JAX_ENABLE_X64", None)  # users run without it, so float64 must 
 for _own in ("DEFORMNB_DATA", "DEFORMNB_COMPILATION_CACHE"):
     os.environ.pop(_own, None)  # a developer's own settings change no result
 
-# XLA took more than half of a run without cached programs, and takes a quarter of that where it optimises nothing. The
-# nightly run compiles as users' processes do, and so do at any time the notebooks, JupyterLab and its like.
-_QUICK_COMPILATION = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+# XLA took more than half of a run without cached programs, and takes a fifth of that where it optimises nothing and
+# divides no program among its compiler's threads. The nightly run compiles as users' processes do, and so do at any
+# time the notebooks, JupyterLab and its like.
+_QUICK_COMPILATION = (
+    "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
+)
 
 
 def _compile_quickly() -> None:

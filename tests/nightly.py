@@ -8,7 +8,7 @@ import pytest
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Of each table of cases a sample is run at once: so many that each value of each argument occurs.
 
     The values of a case are the parts of its name. So each row of a registry is tested at each change, and so is each
@@ -20,10 +20,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         tables.setdefault(item.nodeid.partition("[")[0], []).append(item)
     for cases in tables.values():
         marker = cases[0].get_closest_marker("sampled")
-        kept = cases[:: marker.args[0]] if marker else cover_values(cases)
+        kept = set(cases[:: marker.args[0]] if marker else cover_values(cases))
         for item in cases:
             if item not in kept:
                 item.add_marker(pytest.mark.nightly)
+    if runs_all(config):
+        return
+    left = [item for item in items if item.get_closest_marker("nightly") is not None]
+    if left:  # not skipped: they are 14 000 of 23 000, and each would be set up and reported
+        config.hook.pytest_deselected(items=left)
+        items[:] = [item for item in items if item.get_closest_marker("nightly") is None]
 
 
 def cover_values(cases: list[pytest.Item]) -> list[pytest.Item]:
@@ -40,9 +46,16 @@ def cover_values(cases: list[pytest.Item]) -> list[pytest.Item]:
         seen |= values[best]
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    if item.get_closest_marker("nightly") is None or os.environ.get("HYPOTHESIS_PROFILE") == "nightly":
-        return
-    if not any("::" in argument for argument in item.config.args):  # a test that is requested by its name is run
-        pytest.skip("it takes long: HYPOTHESIS_PROFILE=nightly runs all")
+def runs_all(config: pytest.Config) -> bool:
+    """True at night, and where a test is requested by its name or all of them by their mark."""
+    return (
+        os.environ.get("HYPOTHESIS_PROFILE") == "nightly"
+        or "nightly" in config.getoption("markexpr", "")
+        or any("::" in argument for argument in config.args)
+    )
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    if runs_all(config):
+        return None
+    return "left to the nightly run: long tests, and cases like those of this run (HYPOTHESIS_PROFILE=nightly runs all)"
