@@ -223,7 +223,7 @@ class Channels:
         return self.volumes[:3] if self.kind == "rgba" else self.volumes
 
     def displays(self) -> tuple[ChannelDisplay, ...]:
-        """The displays of :attr:`coloured`: in their colours, each from its smallest value to its largest.
+        """The displays of :attr:`coloured_channels`: in their colours, each from its smallest value to its largest.
 
         Whole numbers of colours (kind "rgb") have their own scale.
         """
@@ -239,7 +239,7 @@ class Channels:
         Parameters
         ----------
         pictures : one array for each channel, such as a projection of each; by default their voxels.
-        displays : of each of :attr:`coloured`; default is :meth:`displays`.
+        displays : of each of :attr:`coloured_channels`; default is :meth:`displays`.
         """
         parts = [volume.values for volume in self.volumes] if pictures is None else list(pictures)
         out = np.zeros((*np.shape(parts[0]), 4), np.float32)

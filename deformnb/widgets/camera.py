@@ -159,7 +159,7 @@ def update_camera(
 
     Examples
     --------
-    >>> turned(checked_camera({"pan": (1, 2)}), direction=(0, 0, -3))["up"]
+    >>> update_camera(checked_camera({"pan": (1, 2)}), direction=(0, 0, -3))["up"]
     [0.0, -1.0, 0.0]
     """
     changed = dict(camera)

@@ -253,7 +253,7 @@ def slice_folds(field: AbstractField, grid: Grid) -> Folds:
 
     Examples
     --------
-    >>> folding(Identity(3), Grid((20, 20, 20))).share
+    >>> slice_folds(Identity(3), Grid((20, 20, 20))).share
     0.0
     """
     lengths = np.asarray(grid.spacing) * np.asarray(grid.shape[::-1])

@@ -151,8 +151,8 @@ def track_index(before: Sequence[Any], after: Sequence[Any], index: int) -> int 
 
     Examples
     --------
-    >>> followed("abc", "ac", 2), followed("abc", "cab", 2), followed("abc", "aXc", 1), followed("abc", "ac", 1)
-    (1, 0, 1, None)
+    >>> [track_index("abc", after, k) for after, k in (("ac", 2), ("cab", 2), ("aXc", 1), ("ac", 1))]
+    [1, 0, 1, None]
     """
     if not 0 <= index < len(before):
         return None

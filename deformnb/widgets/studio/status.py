@@ -25,7 +25,7 @@ class StudioStatus:
     Examples
     --------
     >>> words = StudioStatus()
-    >>> words.guarded(lambda: print(1 / 0))
+    >>> words.run_guarded(lambda: print(1 / 0))
     False
     >>> "ZeroDivisionError" in words.notice.value
     True

@@ -90,7 +90,7 @@ def maps_fold(maps: FieldTextures) -> bool:
     --------
     >>> from deformnb.widgets.vtk.scene import frame_of
     >>> from deformnb.widgets.textures import field_textures
-    >>> volume, field = pressed()
+    >>> volume, field = mirrored_block()
     >>> maps_fold(field_textures(field, frame_of(volume), None, 64, 16))
     True
     """
