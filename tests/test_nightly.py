@@ -11,7 +11,7 @@ import pytest
 
 
 class Item:
-    """What the plugin knows of an item."""
+    """The facts of an item that the plugin reads."""
 
     def __init__(self, nodeid: str, n: int | None = None) -> None:
         self.nodeid = nodeid

@@ -93,7 +93,7 @@ CASES: dict[str, tuple[Callable[[], Deformation], str]] = {
     ),
     "a cut beside the volume": (
         lambda: flat_map(NEAR, cuts=(dn.Cut(Line([(500, 0), (500, 9)]), "incision"),)),
-        "cut incision lies outside",
+        "cut incision is outside",
     ),
     "a slit beside the volume whose line goes on through it": (
         lambda: flat_map(NEAR, cuts=(dn.Cut(Line([(90, 20), (60, 20)], stops=(True, True))),)),

@@ -142,7 +142,7 @@ def test_an_id_that_was_given_never_comes_back(picture: Picture, points: Control
 
 def test_points_in_space_and_other_things_are_refused(picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points)
-    with pytest.raises(DeformError, match="lie in space"):
+    with pytest.raises(DeformError, match="are in space"):
         editor.points = ControlPoints.empty(3)
     with pytest.raises(DeformError, match="must be ControlPoints"):
         editor.points = [[1, 2]]

@@ -82,7 +82,7 @@ def test_traits_hold_shapes_and_the_page_gets_plain_data(points: ControlPoints) 
         ("cuts", [{"region": LINE}] * 9, "at most 8"),
         ("cuts", "line", "must be a list"),
         ("parts", [3], "parts"),
-        ("cuts", [{"region": {"kind": "half_space", "point": [0, 0, 0], "normal": [0, 0, 1]}}], "lies in space"),
+        ("cuts", [{"region": {"kind": "half_space", "point": [0, 0, 0], "normal": [0, 0, 1]}}], "is in space"),
         ("parts", [{"region": LINE}], "no inside"),
         ("cuts", [{"region": {"kind": "blob"}}], "blob"),
         ("cuts", [{"region": {"kind": "polygon", "vertices": [[0, 0], [9, 9], [9, 0], [0, 9]]}}], "crosses itself"),

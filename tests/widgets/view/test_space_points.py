@@ -233,7 +233,7 @@ FOLLOWED = """async ({ info, moves, fields, settings }) => {
   link.catchUp();
   publish(moves[0], "end");
   const late = link.merge({ ...fields[0].space, values: [7] }, { ...fields[0].moved, points: moves[1] });
-  return { early, sender: said[0] === bus.sender.id, count: link.count, back: shown[1].values.length,
+  return { early, sender: said[0] === bus.sender.channel.id, count: link.count, back: shown[1].values.length,
     isOwn: late.values.length > 1, space: { ...shown[0], values: Array.from(shown[0].values) } };
 }"""
 

@@ -177,7 +177,7 @@ def test_a_rule_that_was_registered_later_is_offered_and_said(make_depth: Any, m
     monkeypatch.setitem(EXTRUSIONS, "half", lambda: modulate("0.5"))
     depth = make_depth("half")
     assert depth.panel.rule.value == "half"
-    assert "of its own" in depth.panel.hint.value
+    assert "A special rule" in depth.panel.hint.value
     assert (depth.panel.curve.layout.display, depth.panel.keys.layout.display) == ("none", "none")
 
 
