@@ -7,6 +7,7 @@ thread; a key records the one that it shows.
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -128,6 +129,7 @@ class StudioEditors:
     def __init__(self, session: Session, height: int, listen: Callable[[Any], None]) -> None:
         self._session, self._listen = session, listen
         self._height = height
+        self._making = threading.RLock()
         self.plane = make_editor(session, height)
         self.space: SpaceEditor | None = None
         listen(self.plane)
@@ -143,9 +145,10 @@ class StudioEditors:
         """The editor of the step that is edited."""
         if self._session.editing.step.plane is not None:
             return self.plane
-        if self.space is None:
-            self.space = self._make_space()
-        return self.space
+        with self._making:  # the thread that makes pictures asks too, and both must get the same one
+            if self.space is None:
+                self.space = self._make_space()
+            return self.space
 
     def _make_space(self) -> SpaceEditor:
         session = self._session
