@@ -279,8 +279,11 @@ class Boxes(SyncedWidget):
     def __init__(self, children: Iterable[Any] = (), **traits: Any) -> None:
         self._root = Box(children)
         self._root.around = self
-        super().__init__(children=self._root.children, **traits)
-        self.update()
+        contents: list[Any] = []
+        tree = self._root.data(
+            contents
+        )  # for the message that opens the model: anywidget drops all others of a late one
+        super().__init__(children=self._root.children, contents=tuple(contents), tree=tree, **traits)
 
     @traitlets.observe("children")
     def _children_changed(self, change: Any) -> None:

@@ -20,6 +20,7 @@ import traitlets
 from msgspec import UNSET, structs
 from numpy.typing import NDArray
 
+from deformnb._jax import ENDING
 from deformnb._weak import weakly
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
@@ -403,6 +404,8 @@ class SpaceEditor(EditedPoints):
                 found = slice_folds(field, self.volume.grid)
                 facts |= {"folds": (found.least, found.share), "worst": found.place}
         except Exception as error:  # in a separate thread nothing else would report it
+            if ENDING.is_set():
+                raise
             _LOG.exception("pictures could not be made")
             images, facts = {}, {"note": f"The pictures could not be made: {error}", "isBad": True}
         descriptions, parts = [], []
