@@ -282,7 +282,7 @@ class Boxes(SyncedWidget):
         contents: list[Any] = []
         tree = self._root.data(
             contents
-        )  # for the message that opens the model: anywidget drops all others of a late one
+        )  # in the message that opens the model: anywidget drops later ones of a late page
         super().__init__(children=self._root.children, contents=tuple(contents), tree=tree, **traits)
 
     @traitlets.observe("children")
