@@ -19,7 +19,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-__all__ = ["Deferred", "call_after_jax", "jax", "ndimage", "scipy"]
+__all__ = ["Deferred", "call_after_jax", "is_jax_imported", "jax", "ndimage", "scipy"]
 
 
 class Deferred:
@@ -99,6 +99,11 @@ else:
 def call_after_jax(function: Callable[[], object]) -> None:
     """Call a function once JAX has been imported, by any thread; immediately if it has."""
     _JAX.add(function)
+
+
+def is_jax_imported() -> bool:
+    """Check whether JAX has been imported; where it has not, work that NumPy can do is done by NumPy."""
+    return "jax" in sys.modules
 
 
 if TYPE_CHECKING:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import os
 import platform
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -27,7 +26,7 @@ import platformdirs
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._deferred import Deferred, call_after_jax, jax
+from deformnb._deferred import Deferred, call_after_jax, is_jax_imported, jax
 from deformnb.errors import Cancelled, DeformError
 
 if TYPE_CHECKING:
@@ -52,6 +51,7 @@ __all__ = [
     "jit",
     "jnp",
     "lax",
+    "namespace_of",
     "one_plus",
     "pytree",
     "pytree_node",
@@ -126,9 +126,24 @@ def is_traced(*trees: Any) -> bool:
     >>> is_traced(np.ones(3)), bool(jax.vmap(lambda x: x * is_traced(x))(np.ones(3)).all())
     (False, True)
     """
-    if "jax" not in sys.modules:  # JAX traces nothing before it is imported
+    if not is_jax_imported():
         return False
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def namespace_of(*arrays: Any) -> Any:
+    """The module that computes with these: NumPy, where all are its own arrays or numbers, else ``jax.numpy``.
+
+    A formula that both can follow is written once by it, and NumPy computes it with few numbers before a compiled
+    function starts.
+
+    >>> namespace_of(np.ones(2), 1.0) is np, namespace_of(jax.numpy.ones(2)) is jax.numpy
+    (True, True)
+    """
+    return np if all(isinstance(a, _OF_NUMPY) for a in arrays) else jax.numpy
+
+
+_OF_NUMPY = (np.ndarray, np.generic, float, int)
 
 
 def double_precision(function: Callable[[Any], Any]) -> Callable[[Any], Any]:

@@ -7,13 +7,15 @@ are NumPy arrays and documents are the same on any device: it is no part of eith
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
+from importlib import metadata
 from typing import Any
 
-from deformnb._deferred import jax
+from deformnb._deferred import is_jax_imported, jax
 from deformnb.errors import DeformError
 
 DEVICE_KINDS = ("auto", "cpu", "gpu")
@@ -72,8 +74,24 @@ def device_in_use() -> Any:
 
 
 def is_host() -> bool:
-    """Check whether arrays are computed in the memory of NumPy's own, so that both can share them."""
+    """Check whether arrays are computed in the memory of NumPy's own, so that both can share them.
+
+    JAX is not imported for it where it would find nothing but the processor.
+    """
+    if not is_jax_imported() and current_device() in ("auto", "cpu", "cpu:0") and _has_only_host():
+        return True
     return bool(device_in_use() == _find_device("cpu"))
+
+
+@cache
+def _has_only_host() -> bool:
+    """Check without JAX that it would find no other device: no plugin of one, no TPU, and no choice by a variable."""
+    chosen = {os.environ.get(name) for name in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME", "JAX_DEFAULT_DEVICE")}
+    if chosen - {None, "", "cpu"}:
+        return False
+    if any(importlib.util.find_spec(name) for name in ("jax_plugins", "libtpu")):
+        return False
+    return not metadata.entry_points(group="jax_plugins")
 
 
 def device_context() -> AbstractContextManager[Any]:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import pytest
 
 import deformnb
@@ -71,6 +72,32 @@ for thread in threads:
 print(found)
 """
 
+WARPED = """
+import sys
+import numpy as np
+from dataclasses import replace
+import deformnb as dn
+from deformnb.native import library
+volume = dn.datasets.PHANTOMS["bar"].make((24, 24, 48))
+places = np.random.default_rng(0).uniform(2, 20, (12, 2))
+points = dn.ControlPoints.from_arrays(places, places + 0.1 * places[::-1])
+plain = dn.Deformation.from_picture_points(volume, "-x", points, trend="rigid").steps[0]
+line = dn.Cut(dn.Line([(10, -50), (10, 50)]))
+ground = dn.RigidPart(dn.HalfSpace((0, 1), (0, 1)))
+deep = np.concatenate([places, places[:, :1]], axis=1)
+deformations = [
+    dn.Deformation((replace(plain, **settings),))
+    for settings in (
+        {}, {"extrusion": "modulate", "curve": "1-z"}, {"cuts": (line,)}, {"parts": (ground,)}, {"stages": 3},
+        {"kernel": "thin_plate", "trend": "affine"},
+    )
+]
+deformations.append(dn.Deformation.from_space_points(dn.ControlPoints.from_arrays(deep, deep + 0.1 * deep[::-1])))
+for deformation in deformations:
+    dn.Warper(volume)(deformation.field(volume.grid))
+print("jax" in sys.modules and library.loops() is not None)
+"""
+
 LEAVING = """
 import deformnb as dn
 studio = dn.Studio(dn.datasets.PHANTOMS["bar"].make((24, 24, 48)))
@@ -101,6 +128,11 @@ def test_a_studio_is_shown_without_jax_and_scipy_and_warms_up_after_its_voxels(
     assert "image/png" in shown
     assert "application/vnd.jupyter.widget-view+json" in shown
     assert shown.endswith("[]")
+
+
+@pytest.mark.skipif(jax.default_backend() == "gpu", reason="a GPU computes with JAX")
+def test_volumes_are_deformed_on_a_processor_without_jax(isolated_folders: Path) -> None:
+    assert run(WARPED, isolated_folders) == ["False"]
 
 
 def test_the_studio_is_imported_without_jax_and_scipy(isolated_folders: Path) -> None:

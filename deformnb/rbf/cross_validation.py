@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import float64
 from deformnb._typing import Floats
 from deformnb.rbf.conditioning import SAME_DISTANCE
 from deformnb.rbf.factors import kernel_values
@@ -125,12 +124,12 @@ def _reduce(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugg
     n, dim = x.shape
     phi = kernel_values(x, x, kernel)
     phi.flat[:: n + 1] += nugget
-    with float64():
-        if trend in ("similarity", "rigid"):
-            rule, moments = TRENDS[trend].linear, plain_moments(x, d, np.ones((n, 1)))
-            assert rule is not None
-            map_linear = np.asarray(rule(*moments, Span(np.eye(dim), np.zeros((dim, dim))), np.eye(dim)))
-            d = d - (x - x.mean(axis=0)) @ (map_linear - np.eye(dim)).T
+    if trend in ("similarity", "rigid"):
+        rule, moments = TRENDS[trend].linear, plain_moments(x, d, np.ones((n, 1)))
+        assert rule is not None
+        with np.errstate(all="ignore"):
+            map_linear = rule(*moments, Span(np.eye(dim), np.zeros((dim, dim))), np.eye(dim))
+        d = d - (x - x.mean(axis=0)) @ (map_linear - np.eye(dim)).T
     p = polynomials_of(x, trend)
     if kernel.order >= 2:
         whole = np.linalg.inv(np.block([[phi, p], [p.T, np.zeros((p.shape[1],) * 2)]]))[:n, :n]

@@ -78,17 +78,9 @@ def few_sizes(tiles: int) -> int:
     return -(-tiles // step) * step
 
 
-_FEW = 2**13  # numbers; NumPy takes 25 to 50 us for them and a compiled function 45, or far longer on a busy machine
-
-
-def is_numpy_faster(count: int, kernel: type[AbstractKernel]) -> bool:
-    """Check that a kernel is computed at so many distances before a compiled function starts."""
-    return count <= _FEW and kernel.name in BUILT_IN  # others are written with JAX
-
-
 def profile_of(square: NDArray[np.float64], kernel: type[AbstractKernel]) -> NDArray[np.float64]:
-    """A kernel's phi at squared relative distances (n,), float64; of more than a few compiled for few sizes."""
-    if is_numpy_faster(len(square), kernel):
+    """A kernel's phi at squared relative distances (n,), float64; a user's own is compiled for few sizes."""
+    if kernel.name in BUILT_IN:
         with np.errstate(all="ignore"):
             return np.asarray(kernel.profile(square))
     padded = np.zeros(max(256, few_sizes(len(square))))

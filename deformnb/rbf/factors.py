@@ -23,13 +23,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._deferred import scipy
+from deformnb._deferred import is_jax_imported, scipy
 from deformnb._jax import float64, jit
 from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints
-from deformnb.rbf.evaluation import capacity, is_numpy_faster, profile_of
-from deformnb.rbf.kernels import AbstractKernel
+from deformnb.rbf.evaluation import capacity, profile_of
+from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
 DENSE = 1000
 """Points up to which the matrix of a compact kernel is a dense one; beyond it is a band."""
@@ -399,13 +399,35 @@ def _check_size(size: int, pairs: int, n: int) -> None:
 
 
 def kernel_values(x: Floats, y: Floats, kernel: type[AbstractKernel]) -> Floats:
-    """Phi (n, m) between points x (n, dim) and y (m, dim), float64, the caller's own."""
-    if is_numpy_faster(len(x) * len(y), kernel):
-        with np.errstate(all="ignore"):
-            return np.asarray(_values_between(x, y, kernel=kernel))
+    """Phi (n, m) between points x (n, dim) and y (m, dim), float64, the caller's own.
+
+    NumPy computes the built-in kernels of up to 256 points, and of any number where JAX is not in use yet: to import it
+    takes as long as a thousand matrices.
+    """
+    if kernel.name in BUILT_IN and (len(x) * len(y) <= _FEW or not is_jax_imported()):
+        return _values_by_rows(x, y, kernel)
     with float64():
         values = _compiled_values(_padded(x), _padded(y), kernel=kernel)
     return np.array(np.asarray(values)[: len(x), : len(y)])
+
+
+# Numbers of a matrix that NumPy computes as quickly as a compiled function, and those that stay in the cache meanwhile.
+_FEW, _ROWS = 2**16, 2**14
+
+
+def _values_by_rows(x: Floats, y: Floats, kernel: type[AbstractKernel]) -> Floats:
+    """The same, some rows at a time; of a matrix between the same points one half."""
+    n, step = len(x), max(1, _ROWS // max(1, len(y)))
+    with np.errstate(all="ignore"):
+        if step >= n:
+            return np.asarray(_values_between(x, y, kernel=kernel))
+        out = np.empty((n, len(y)))
+        for start in range(0, n, step):
+            stop, first = min(start + step, n), start if x is y else 0
+            out[start:stop, first:] = _values_between(x[start:stop], y[first:], kernel=kernel)
+            if x is y:
+                out[stop:, start:stop] = out[start:stop, stop:].T
+    return out
 
 
 def _padded(x: Floats) -> Floats:

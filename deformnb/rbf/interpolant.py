@@ -37,6 +37,7 @@ from deformnb.rbf.evaluation import (
     evaluate_lattice,
     evaluate_points,
     evaluate_sequentially,
+    is_compiled,
     is_culled,
     jacobian_at_lattice,
     jacobian_at_points,
@@ -483,6 +484,8 @@ def pull_back(
     places (dim, n), and for each fit the lengths (S, dim) of the ranges of what those before it have moved them by.
     """
     first = fits[0]
+    if is_compiled(first.kernel):
+        return _pull_back_on_host(fits, places, resolution, known)
     reaches = [
         float(np.linalg.norm(np.abs(places - np.reshape(fit.origin, (-1, 1))).max(axis=1)) / fit.support)
         for fit in fits
@@ -494,6 +497,18 @@ def pull_back(
     if dtype is np.float32 and _common_type(fits, np.linalg.norm(reach, axis=1), resolution, known) is np.float64:
         ends, spread, _ = evaluate_sequentially(places, stack_sums([fit.radial_sum(np.float64) for fit in fits]))
     return ends, spread
+
+
+def _pull_back_on_host(
+    fits: Sequence[RBFInterpolant], places: NDArray[np.float64], resolution: float, known: dict[Any, Any]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The same by loops that were compiled ahead."""
+    ends, spread = places, []
+    for fit in fits:
+        spread.append(np.ptp(ends - places, axis=1))
+        reach = float(np.linalg.norm(np.abs(ends - np.reshape(fit.origin, (-1, 1))).max(axis=1)) / fit.support)
+        ends = ends + fit.displacement(ends.T, _common_type([fit], [reach], resolution, known)).T
+    return ends, np.stack(spread)
 
 
 def _common_type(
@@ -579,20 +594,20 @@ def solve_prepared(
     is_whole = n > dim + 1 and ready.span.basis.shape[1] == dim  # enough points, and not all on a line or in a plane
     own = None if scales is None else scales[:n]
     origin = ready.origin
-    with float64():
-        solved = None
-        if (kernel.order == 0 and (scales is None or (kernel.compact and n > DENSE))) or (
-            kernel.order in (1, 2) and scales is None and ready.trend != "quadratic" and is_whole
-        ):
-            solved, origin = _solve_factored(ready, d[:n], nugget[:n], own, turn, kernel, most)
-            x[:n] = (ready.targets - origin) / ready.support
-        # A nearly singular matrix with polynomials has no Cholesky factor; elimination may still interpolate by it.
-        if solved is None or (kernel.order and not np.abs(solved.miss).max() <= most):
+    solved = None
+    if (kernel.order == 0 and (scales is None or (kernel.compact and n > DENSE))) or (
+        kernel.order in (1, 2) and scales is None and ready.trend != "quadratic" and is_whole
+    ):
+        solved, origin = _solve_factored(ready, d[:n], nugget[:n], own, turn, kernel, most)
+        x[:n] = (ready.targets - origin) / ready.support
+    # A nearly singular matrix with polynomials has no Cholesky factor; elimination may still interpolate by it.
+    if solved is None or (kernel.order and not np.abs(solved.miss).max() <= most):
+        with float64():
             solved = _solve(
                 x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel, trend=ready.trend
             )
-        alpha, linear, constant, miss = map(np.asarray, solved[:4])
-        bent = None if solved.quadratic is None else np.asarray(solved.quadratic) * ready.support
+    alpha, linear, constant, miss = map(np.asarray, solved[:4])
+    bent = None if solved.quadratic is None else np.asarray(solved.quadratic) * ready.support
     if scales is not None and not np.abs(alpha).max() <= MOST_GAIN * np.abs(d).max():
         raise DeformError(
             "the individual support radii of these control points are incompatible: the system is nearly "

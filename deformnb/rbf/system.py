@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from deformnb._jax import jax, jit, jnp
+from deformnb._jax import jax, jnp
 from deformnb._typing import Floats
 from deformnb.rbf.factors import Matrix
 from deformnb.rbf.kernels import AbstractKernel
@@ -137,7 +137,7 @@ def _linear_part(moments: tuple[Any, Any], plain: tuple[Any, Any], span: Span, t
     assert rule is not None
     if trend == "affine":
         moments = regularize_moments(moments, plain, span.ridge)
-    return rule(*moments, span, turn) - jnp.eye(len(turn))
+    return rule(*moments, span, turn) - np.eye(len(turn))
 
 
 def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, trend: str) -> tuple[Any, Any, Any]:
@@ -260,10 +260,9 @@ def _linear_on_host(
         with contextlib.suppress(np.linalg.LinAlgError):
             return np.asarray(np.linalg.solve(moments[0], moments[1].T).T - np.eye(len(turn)))
     plain = plain_moments(x, d, np.ones((len(x), 1)))
-    return np.asarray(_linear_alone(moments or plain, plain, span, turn, trend=trend))
-
-
-_linear_alone = jit(_linear_part, static_argnames="trend")
+    with contextlib.suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
+        return np.asarray(_linear_part(moments or plain, plain, span, turn, trend=trend))
+    return np.full((len(turn),) * 2, np.nan)  # which the check of the residual finds
 
 
 def _quadratic_of(x: Floats, d: Floats, q: Floats, span: Span, matrix: Matrix | None) -> Floats:

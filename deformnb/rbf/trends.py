@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._jax import jnp, lax, with_derivative
+from deformnb._jax import jnp, lax, namespace_of, with_derivative
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
 
@@ -85,17 +85,18 @@ class Trend:
 
 
 def _translation(s: Any, h: Any, span: Span, previous: Any) -> Any:
-    return jnp.eye(s.shape[0], dtype=s.dtype)
+    return namespace_of(s).eye(s.shape[0], dtype=s.dtype)
 
 
 def _affine(s: Any, h: Any, span: Span, previous: Any) -> Any:
     """M = G + (H - G S) (S + tr(S) ridge)^-1 with the similarity G; without a ridge that is H S^-1."""
-    rotation = nearest_rotation(_fix_row_rotation(h, jnp.trace(s), span.ridge), jnp.trace(s), previous)
-    similar = jnp.maximum(jnp.sum(rotation * h) / jnp.trace(s), 0.0) * rotation
-    is_thin = jnp.any(span.ridge)
-    rest = h - jnp.where(is_thin, 1.0, 0.0) * (similar @ s)
-    found = jnp.linalg.solve(s + jnp.trace(s) * span.ridge, rest.T).T
-    return jnp.where(is_thin, similar + found, found)
+    xp = namespace_of(s, h, span.ridge)
+    rotation = nearest_rotation(_fix_row_rotation(h, xp.trace(s), span.ridge), xp.trace(s), previous)
+    similar = xp.maximum(xp.sum(rotation * h) / xp.trace(s), 0.0) * rotation
+    is_thin = xp.any(span.ridge)
+    rest = h - xp.where(is_thin, 1.0, 0.0) * (similar @ s)
+    found = xp.linalg.solve(s + xp.trace(s) * span.ridge, rest.T).T
+    return xp.where(is_thin, similar + found, found)
 
 
 def _fix_row_rotation(h: Any, size: Any, ridge: Any) -> Any:
@@ -106,31 +107,33 @@ def _fix_row_rotation(h: Any, size: Any, ridge: Any) -> Any:
     """
     if h.shape[0] == 2:
         return h
-    weights, axes = jnp.linalg.eigh(lax.stop_gradient(ridge))  # that of the row is zero and comes first
+    xp = namespace_of(h, ridge)
+    weights, axes = xp.linalg.eigh(_fixed(ridge))  # that of the row is zero and comes first
     along = axes[:, 0]
-    image = lax.stop_gradient(h) @ along
-    length = jnp.sqrt(jnp.sum(image * image))
+    image = _fixed(h) @ along
+    length = xp.sqrt(xp.sum(image * image))
     # Half a turn is about the direction in which the row is thinnest, if there is one.
-    aside = jnp.where(weights[2] > _SURELY * weights[1], axes[:, 2], _transverse_axis(along))
-    turn = _smallest_turn(along, jnp.where(length > 0, image / jnp.where(length > 0, length, 1.0), along), aside)
-    across = jnp.eye(3, dtype=h.dtype) - jnp.outer(along, along)
-    return h + jnp.maximum(weights[1], 0.0) * size * turn @ across
+    aside = xp.where(weights[2] > _SURELY * weights[1], axes[:, 2], _transverse_axis(along))
+    turn = _smallest_turn(along, xp.where(length > 0, image / xp.where(length > 0, length, 1.0), along), aside)
+    across = xp.eye(3, dtype=h.dtype) - xp.outer(along, along)
+    return h + xp.maximum(weights[1], 0.0) * size * turn @ across
 
 
 def _affine_exact(s: Any, h: Any, span: Span, previous: Any) -> Any:
     """M^T = S^-1 H^T on the span of the points (columns of its basis), completed across it."""
     small = span.basis.T @ s @ span.basis
-    return complete(jnp.linalg.solve(small, span.basis.T @ h.T).T, span.basis)
+    return complete(namespace_of(small, h).linalg.solve(small, span.basis.T @ h.T).T, span.basis)
 
 
 def _similarity(s: Any, h: Any, span: Span, previous: Any) -> Any:
-    rotation = nearest_rotation(h, jnp.trace(s), previous)
-    scale = jnp.sum(rotation * h) / jnp.trace(s)
-    return jnp.maximum(scale, 0.0) * rotation
+    xp = namespace_of(s, h)
+    rotation = nearest_rotation(h, xp.trace(s), previous)
+    scale = xp.sum(rotation * h) / xp.trace(s)
+    return xp.maximum(scale, 0.0) * rotation
 
 
 def _rigid(s: Any, h: Any, span: Span, previous: Any) -> Any:
-    return nearest_rotation(h, jnp.trace(s), previous)
+    return nearest_rotation(h, namespace_of(s, h).trace(s), previous)
 
 
 TRENDS: dict[str, Trend] = {
@@ -256,7 +259,7 @@ def quadratic_forms(coefficients: Any, dim: int) -> Any:
     units = np.zeros((len(pairs), dim, dim))
     for k, (a, b) in enumerate(pairs):
         units[k, a, b] = units[k, b, a] = 1.0 if a == b else np.sqrt(0.5)
-    return jnp.einsum("qm,qab->mab", coefficients, units)
+    return namespace_of(coefficients).einsum("qm,qab->mab", coefficients, units)
 
 
 def quadric_span(
@@ -297,12 +300,13 @@ def regularize_moments(moments: tuple[Any, Any], plain: tuple[Any, Any], ridge: 
     The energy of a row of points is that of its small wiggles: by it, one point dragged past its neighbours would turn
     and scale all places next to the row.
     """
-    share = jnp.linalg.eigvalsh(lax.stop_gradient(ridge))[..., -1:, None]  # the largest penalty, for any axes
+    xp = namespace_of(*moments, *plain, ridge)
+    share = xp.linalg.eigvalsh(_fixed(ridge))[..., -1:, None]  # the largest penalty, for any axes
     is_thin = share > 0
 
     def relative(to: Any, weight: Any, where_wide: float) -> Any:
-        size = jnp.trace(to, axis1=-2, axis2=-1)[..., None, None]
-        return jnp.where(is_thin, weight / jnp.where(size > 0, size, 1.0), where_wide)
+        size = xp.trace(to, axis1=-2, axis2=-1)[..., None, None]
+        return xp.where(is_thin, weight / xp.where(size > 0, size, 1.0), where_wide)
 
     first, other = relative(moments[0], 1.0, 1.0), relative(plain[0], share, 0.0)
     s, h = (first * m + other * m0 for m, m0 in zip(moments, plain, strict=True))
@@ -317,22 +321,30 @@ def nearest_rotation(h: Any, size: Any, previous: Any) -> Any:
     one line leave the turn about the line free, and the singular vectors alone would pick any (zero displacement was
     seen to move voxels by 91 of 100). Adding it everywhere would miss rigid motions by that multiple.
     """
-    fixed = lax.stop_gradient(h)
-    least = NO_ANGLE * jnp.maximum(lax.stop_gradient(size), jnp.sqrt(jnp.sum(fixed * fixed)))
+    xp = namespace_of(h, size, previous)
+    fixed = _fixed(h)
+    least = NO_ANGLE * xp.maximum(_fixed(size), xp.sqrt(xp.sum(fixed * fixed)))
     if h.shape[0] == 2:
         c, s = h[0, 0] + h[1, 1], h[1, 0] - h[0, 1]
         known = c * c + s * s > least * least
-        length = jnp.sqrt(jnp.where(known, c * c + s * s, 1.0))
-        return jnp.where(known, jnp.array([[c, -s], [s, c]]) / length, previous)
+        length = xp.sqrt(xp.where(known, c * c + s * s, 1.0))
+        return xp.where(known, xp.array([[c, -s], [s, c]]) / length, previous)
     stretch = _polar(fixed)[2]
     known = stretch[1] + stretch[2] > least
-    return _polar_rotation(h + jnp.where(known, 0.0, least) * previous)
+    found = h + xp.where(known, 0.0, least) * previous
+    return _polar(found)[0] if xp is np else _polar_rotation(found)
+
+
+def _fixed(x: Any) -> Any:
+    """The same numbers, which JAX does not differentiate."""
+    return x if namespace_of(x) is np else lax.stop_gradient(x)
 
 
 def _polar(h: Any) -> tuple[Any, Any, Any]:
     """R, V and p of H = R V diag(p) V^T with R a rotation; p falls, its last is negative where H mirrors."""
-    u, sigma, vt = jnp.linalg.svd(h)
-    proper = jnp.array([1.0, 1.0, jnp.sign(jnp.linalg.det(u) * jnp.linalg.det(vt))], dtype=h.dtype)
+    xp = namespace_of(h)
+    u, sigma, vt = xp.linalg.svd(h)
+    proper = xp.array([1.0, 1.0, xp.sign(xp.linalg.det(u) * xp.linalg.det(vt))], dtype=h.dtype)
     return (u * proper) @ vt, vt.T, sigma * proper
 
 
@@ -356,26 +368,27 @@ def complete(images: Any, basis: Any) -> Any:
     least norm) flattens a row of points rotated by 90 degrees to nothing; instead the cross direction turns and scales
     along with the span, so that similarities of the points come out as similarities of space.
     """
-    dim, rank = basis.shape
+    xp, (dim, rank) = namespace_of(images, basis), basis.shape
     if rank == dim:
         return images @ basis.T
     if rank == 0:
-        return jnp.eye(dim, dtype=basis.dtype)
+        return xp.eye(dim, dtype=basis.dtype)
     if dim == 2:
-        quarter = jnp.array([[0.0, -1.0], [1.0, 0.0]], dtype=basis.dtype)
+        quarter = xp.array([[0.0, -1.0], [1.0, 0.0]], dtype=basis.dtype)
         return images @ basis.T + (quarter @ images) @ (quarter @ basis).T
     if rank == 2:
-        across, image = jnp.cross(basis[:, 0], basis[:, 1]), jnp.cross(images[:, 0], images[:, 1])
-        area = jnp.sqrt(jnp.sum(image * image))
+        across, image = xp.cross(basis[:, 0], basis[:, 1]), xp.cross(images[:, 0], images[:, 1])
+        area = xp.sqrt(xp.sum(image * image))
         # |m1 x m2| / sqrt(area) = sqrt(area): the mean scale of the two directions in the plane
-        image = image / jnp.sqrt(jnp.where(area > 0, area, 1.0))
-        return images @ basis.T + jnp.outer(image, across)
+        image = image / xp.sqrt(xp.where(area > 0, area, 1.0))
+        return images @ basis.T + xp.outer(image, across)
     return _smallest_turn(basis[:, 0], images[:, 0])
 
 
 def _transverse_axis(q: Any) -> Any:
     """The axis of coordinates that is farthest from the direction q."""
-    return jnp.eye(3, dtype=q.dtype)[jnp.argmin(jnp.abs(q))]
+    xp = namespace_of(q)
+    return xp.eye(3, dtype=q.dtype)[xp.argmin(xp.abs(q))]
 
 
 def _smallest_turn(q: Any, image: Any, aside: Any = None) -> Any:
@@ -384,19 +397,20 @@ def _smallest_turn(q: Any, image: Any, aside: Any = None) -> Any:
     Half a turn is about the unit vector ``aside`` across q. Points on a line determine none: it is the axis of
     coordinates that is farthest from the line then, the one thing here that is not rotated with the points.
     """
-    length = jnp.sqrt(jnp.sum(image * image))
-    t = image / jnp.where(length > 0, length, 1.0)
-    opposite = jnp.dot(q, t) < -1 + 1e-9  # half a turn, and the rest from there
-    start = jnp.where(opposite, -q, q)
-    axis = jnp.cross(start, t)
-    k = jnp.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+    xp = namespace_of(q, image)
+    length = xp.sqrt(xp.sum(image * image))
+    t = image / xp.where(length > 0, length, 1.0)
+    opposite = xp.dot(q, t) < -1 + 1e-9  # half a turn, and the rest from there
+    start = xp.where(opposite, -q, q)
+    axis = xp.cross(start, t)
+    k = xp.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
     other = _transverse_axis(q) if aside is None else aside
-    other = other - jnp.dot(other, q) * q
-    other = other / jnp.sqrt(jnp.sum(other * other))
-    half = 2 * jnp.outer(other, other) - jnp.eye(3, dtype=q.dtype)
+    other = other - xp.dot(other, q) * q
+    other = other / xp.sqrt(xp.sum(other * other))
+    half = 2 * xp.outer(other, other) - xp.eye(3, dtype=q.dtype)
     # 1 + cosine as |q + t|^2 / 2, which preserves its digits next to half a turn
-    turn = jnp.eye(3, dtype=q.dtype) + k + (k @ k) * (2 / jnp.sum((start + t) ** 2))
-    return length * jnp.where(opposite, turn @ half, turn)
+    turn = xp.eye(3, dtype=q.dtype) + k + (k @ k) * (2 / xp.sum((start + t) ** 2))
+    return length * xp.where(opposite, turn @ half, turn)
 
 
 def plain_moments(x: Any, d: Any, one: Any) -> tuple[Any, Any]:
