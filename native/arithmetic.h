@@ -26,6 +26,8 @@
 #define PAIR uint16_t
 #define LOW(P) ((float)((P) & 255))
 #define HIGH(P) ((float)((P) >> 8))
+#define FOUR uint32_t
+#define PART(W, K) ((float)(int32_t)((W) >> 8 * (K) & 255))
 #define ROUND(V) ((uint8_t)(int32_t)((V) + 0.5f))
 #define LOWEST 0
 #define HIGHEST 255

@@ -13,3 +13,5 @@ typedef VOXEL NAME(Voxel);
 #undef ROUND
 #undef LOWEST
 #undef HIGHEST
+#undef FOUR
+#undef PART

@@ -7,7 +7,7 @@ typedef struct {
 } NAME(RowPlaces);
 
 /* Read n <= ROW voxels of a row. */
-static void NAME(read_row)(const Source *source, const NAME(RowPlaces) *row, int n, void *out) {
+static Check NAME(read_row)(const Source *source, const NAME(RowPlaces) *row, int n, void *out) {
     INDEX index[3][ROW];
     SHARE share[3][ROW];
     int32_t inside[ROW];
@@ -15,11 +15,12 @@ static void NAME(read_row)(const Source *source, const NAME(RowPlaces) *row, int
     const INDEX stride[3] = {(INDEX)(source->shape[1] * source->shape[2]), (INDEX)source->shape[2], 1};
     const int is_usual = source->method == LINEAR && source->is_straight && row->line[0].d[0] && !row->line[0].whole &&
                          row->line[2].d[0];
+    Check known = {1, 0};
     if (is_usual) {
         NAME(RowPlaces) usual = *row;
         usual.line[0].stride = source->shape[0] > 1 ? stride[0] : 0;
         usual.line[1].stride = source->shape[1] > 1 ? stride[1] : 0;
-        NAME(straight_cells)(usual.line, n, index[0], share[0], share[1], share[2], inside);
+        known = NAME(straight_cells)(usual.line, n, index[0], share[0], share[1], share[2], inside);
     } else {
         for (int i = 0; i < n; i++) inside[i] = 1;
         memset(index[0], 0, n * sizeof(INDEX));
@@ -92,9 +93,13 @@ static void NAME(read_row)(const Source *source, const NAME(RowPlaces) *row, int
             }
         }
     }
-    int32_t all = 1;
-    SIMD_REDUCTION(&, all) for (int i = 0; i < n; i++) all &= inside[i];
-    if (!all) fill_outside(source, inside, n, out);
+    if (!is_usual) {
+        int32_t all = 1;
+        SIMD_REDUCTION(&, all) for (int i = 0; i < n; i++) all &= inside[i];
+        known.all_inside = all;
+    }
+    if (!known.all_inside) fill_outside(source, inside, n, out);
+    return known;
 }
 
 /* The tables of whole and part of the output's axes, in this arithmetic. */
@@ -191,15 +196,18 @@ static int NAME(general)(const Source *source, const Field *field, const Target 
             else
                 for (int c = 0; c < 3; c++)
                     for (int64_t i = 0; i < nx; i++) rows[c * nx + i] = field->d[c][at + i * field->stride[2]];
-            if (!is_finite(d, nx)) result = 2;
+            int all_finite = 1;
             NAME(RowPlaces) row;
             char *out = (char *)target->values + size * (z * target->stride[0] + y * target->stride[1]);
             for (int64_t x = 0; x < nx; x += ROW) {
                 const float *const part[3] = {d[0] + x, d[1] + x, d[2] + x};
                 NAME(set_row)(source, &tables, target->start[0] + z, target->start[1] + y, target->start[2] + x, &row);
                 NAME(move_row)(source, part, &row);
-                NAME(read_row)(source, &row, (int)(nx - x < ROW ? nx - x : ROW), out + size * x);
+                const Check known =
+                    NAME(read_row)(source, &row, (int)(nx - x < ROW ? nx - x : ROW), out + size * x);
+                all_finite &= known.all_finite | known.all_inside; /* what is not finite leads outside */
             }
+            if (!all_finite && !is_finite(d, nx)) result = 2;
         }
     }
     free(scratch);

@@ -15,6 +15,21 @@ static inline PAIR NAME(pair)(const VOXEL *at) {
 static void NAME(linear_8)(const VOXEL *restrict samples, const INDEX *restrict index, const SHARE *restrict tz,
                            const SHARE *restrict ty, const SHARE *restrict tx, int n, INDEX dz, INDEX dy,
                            VOXEL *restrict out) {
+#ifdef FOUR
+    FOUR low[ROW], high[ROW];
+    for (int i = 0; i < n; i++) {
+        const VOXEL *at = samples + index[i];
+        low[i] = NAME(pair)(at) | (FOUR)NAME(pair)(at + dy) << 8 * sizeof(PAIR);
+        high[i] = NAME(pair)(at + dz) | (FOUR)NAME(pair)(at + dz + dy) << 8 * sizeof(PAIR);
+    }
+    SIMD for (int i = 0; i < n; i++) {
+        const SHARE x = tx[i], y = ty[i], z = tz[i];
+        const FOUR l = low[i], h = high[i];
+        const SHARE a = BETWEEN(y, BETWEEN(x, PART(l, 0), PART(l, 1)), BETWEEN(x, PART(l, 2), PART(l, 3)));
+        const SHARE b = BETWEEN(y, BETWEEN(x, PART(h, 0), PART(h, 1)), BETWEEN(x, PART(h, 2), PART(h, 3)));
+        out[i] = ROUND(BETWEEN(z, a, b));
+    }
+#else
     PAIR a[ROW], b[ROW], c[ROW], d[ROW];
     for (int i = 0; i < n; i++) {
         const VOXEL *at = samples + index[i];
@@ -29,6 +44,7 @@ static void NAME(linear_8)(const VOXEL *restrict samples, const INDEX *restrict 
         const SHARE high = BETWEEN(y, BETWEEN(x, LOW(c[i]), HIGH(c[i])), BETWEEN(x, LOW(d[i]), HIGH(d[i])));
         out[i] = ROUND(BETWEEN(z, low, high));
     }
+#endif
 }
 
 /* Cells of four corners in two rows along x. */

@@ -16,7 +16,7 @@
 #define PASTE(A, B) PASTE2(A, B)
 #define PRAGMA(TEXT) _Pragma(#TEXT)
 #define SIMD PRAGMA(omp simd)
-#define SIMD_REDUCTION(OPERATOR, NAME) PRAGMA(omp simd reduction(OPERATOR : NAME))
+#define SIMD_REDUCTION(OPERATOR, ...) PRAGMA(omp simd reduction(OPERATOR : __VA_ARGS__))
 
 static inline float floor_float(float p) {
 #if defined(__SSE4_1__) || !defined(__x86_64__)

@@ -76,8 +76,8 @@ static void NAME(nearest_voxels)(const NAME(Line) *line, int n, INDEX *restrict 
 
 /* The same for a row that runs along an axis of the input, whose displacements along each axis move along this one alone:
    the usual case, in one loop. */
-static void NAME(straight_cells)(const NAME(Line) *line, int n, INDEX *restrict index, SHARE *restrict sz,
-                                 SHARE *restrict sy, SHARE *restrict sx, int32_t *restrict inside) {
+static Check NAME(straight_cells)(const NAME(Line) *line, int n, INDEX *restrict index, SHARE *restrict sz,
+                                  SHARE *restrict sy, SHARE *restrict sx, int32_t *restrict inside) {
     const REAL wz = line[0].w, pz = line[0].p, mz = line[0].m[0], wy = line[1].w, py = line[1].p, my = line[1].m[0],
                mx = line[2].m[0];
     const REAL last_z = line[0].size > 1 ? (REAL)(line[0].size - 2) : 0, most_z = line[0].size > 1 ? 1 : 0,
@@ -98,7 +98,8 @@ static void NAME(straight_cells)(const NAME(Line) *line, int n, INDEX *restrict 
         over = s - t;                                                                                                  \
         TO = (SHARE)t;                                                                                                 \
     }
-    SIMD for (int i = 0; i < n; i++) {
+    int32_t all = 1, finite = 1;
+    SIMD_REDUCTION(&, all, finite) for (int i = 0; i < n; i++) {
         REAL cell, over;
         CELL(wz, pz + mz * dz[i], last_z, most_z, sz[i])
         INDEX at = (INDEX)(int32_t)cell * stride_z;
@@ -112,7 +113,10 @@ static void NAME(straight_cells)(const NAME(Line) *line, int n, INDEX *restrict 
         high = high > over ? high : over;
         index[i] = at + (INDEX)(int32_t)cell;
         inside[i] = (low >= (REAL)-0.5) & (high < (REAL)0.5);
+        all &= inside[i];
+        finite &= ((dz[i] + dy[i]) + dx[i]) * 0.f == 0.f; /* 0 times infinity, or times no number, is no number */
     }
+    return (Check){all, finite};
 #undef CELL
 }
 

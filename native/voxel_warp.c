@@ -66,23 +66,6 @@ static void mix_rows(const float *restrict rows, int64_t stride, const float *we
     }
 }
 
-/* Components that lie side by side, one after the other. */
-static void split_row(const float *restrict from, int64_t n, float *restrict to) {
-    float *restrict x = to, *restrict y = to + n, *restrict z = to + 2 * n;
-    SIMD for (int64_t i = 0; i < n; i++) {
-        x[i] = from[3 * i];
-        y[i] = from[3 * i + 1];
-        z[i] = from[3 * i + 2];
-    }
-}
-
-static int is_finite(const float *const d[3], int64_t n) {
-    const float *restrict x = d[0], *restrict y = d[1], *restrict z = d[2];
-    float sum = 0; /* 0 times infinity, or times no number, is no number */
-    SIMD_REDUCTION(+, sum) for (int64_t i = 0; i < n; i++) sum += ((x[i] + y[i]) + z[i]) * 0.f;
-    return sum == 0;
-}
-
 #if defined(__has_builtin)
 #if __has_builtin(__builtin_shufflevector)
 #define SHUFFLE(A, B, ...) __builtin_shufflevector(A, B, __VA_ARGS__)
@@ -91,6 +74,39 @@ static int is_finite(const float *const d[3], int64_t n) {
 #ifndef SHUFFLE /* GCC before 12 */
 #define SHUFFLE(A, B, ...) __builtin_shuffle(A, B, (__typeof__(A)){__VA_ARGS__})
 #endif
+
+/* Components that lie side by side, one after the other. */
+static void split_row(const float *restrict from, int64_t n, float *restrict to) {
+    int64_t i = 0;
+#if defined(__GNUC__)
+    typedef float Four __attribute__((vector_size(16)));
+    for (; i + 4 <= n; i += 4) { /* x0 y0 z0 x1, y1 z1 x2 y2, z2 x3 y3 z3 */
+        Four a, b, c;
+        memcpy(&a, from + 3 * i, 16);
+        memcpy(&b, from + 3 * i + 4, 16);
+        memcpy(&c, from + 3 * i + 8, 16);
+        const Four yz = SHUFFLE(a, b, 1, 2, 4, 5), xy = SHUFFLE(b, c, 2, 3, 5, 6); /* y0 z0 y1 z1, x2 y2 x3 y3 */
+        const Four x = SHUFFLE(a, xy, 0, 3, 4, 6), y = SHUFFLE(yz, xy, 0, 2, 5, 7), z = SHUFFLE(yz, c, 1, 3, 4, 7);
+        memcpy(to + i, &x, 16);
+        memcpy(to + n + i, &y, 16);
+        memcpy(to + 2 * n + i, &z, 16);
+    }
+#endif
+    for (; i < n; i++)
+        for (int k = 0; k < 3; k++) to[k * n + i] = from[3 * i + k];
+}
+
+/* What is known of the places of a row: 0 where it is unknown. */
+typedef struct {
+    int32_t all_inside, all_finite;
+} Check;
+
+static int is_finite(const float *const d[3], int64_t n) {
+    const float *restrict x = d[0], *restrict y = d[1], *restrict z = d[2];
+    float sum = 0; /* 0 times infinity, or times no number, is no number */
+    SIMD_REDUCTION(+, sum) for (int64_t i = 0; i < n; i++) sum += ((x[i] + y[i]) + z[i]) * 0.f;
+    return sum == 0;
+}
 
 #define NAME(STEM) PASTE(STEM, _8)
 #define VOXEL uint8_t

@@ -325,7 +325,8 @@ class DisplacementField(AbstractField):
     Parameters
     ----------
     values : (nz, ny, nx, 3) on a grid, components x, y, z; or (nv, nu, 2) on a raster, components a, b. Backward
-        displacements in physical units.
+        displacements in physical units. A warp reads them fastest where each component is contiguous in memory, as
+        those of :meth:`sample` are.
     lattice : the Grid or Raster of the samples.
 
     Examples
@@ -356,9 +357,9 @@ class DisplacementField(AbstractField):
             found = as_field(field).sample_on_raster(lattice)
             return cls(np.ascontiguousarray(np.moveaxis(found, 0, -1)), lattice)
         grid = as_grid(lattice)
-        values = aligned_empty((*grid.shape, 3), np.dtype(np.float32))  # which the kernels read without a copy
-        np.copyto(values, np.moveaxis(as_field(field, grid).components_on_grid(grid), 0, -1))
-        return cls(values, grid)
+        parts = aligned_empty((3, *grid.shape), np.dtype(np.float32))  # which the loops read fastest
+        np.copyto(parts, as_field(field, grid).components_on_grid(grid))
+        return cls(np.moveaxis(parts, 0, -1), grid)
 
     @property
     def dim(self) -> int:

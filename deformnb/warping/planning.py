@@ -356,9 +356,9 @@ def _is_parallel(at: Places) -> bool:
 
 def _cells(at: Places, axis: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Along an axis of ``count`` samples: the sample before each place, with one after it, and the place in between."""
-    place = np.clip(at.whole[axis][axis] + at.part[axis][axis].astype(np.float64), 0, count - 1)
-    low = np.minimum(place.astype(np.int64), max(count - 2, 0))
-    return low, place - low
+    low, rest = _nodes_below(at, axis, count)
+    before = np.minimum(low, max(count - 2, 0))
+    return before, rest + (low - before)
 
 
 def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
@@ -376,6 +376,20 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
     with devices.device_context():  # else JAX would move operations on the result to the device that it prefers
         stays = _device_components(field, grid)
         return tuple(np.asarray(field.components_on_grid(grid), np.float32)) if stays is None else stays
+
+
+def samples_at_voxels(field: AbstractField, grid: Grid) -> tuple[NDArray[np.float32], ...] | None:
+    """Components [z, y, x] of a stored field, as views of its samples; None unless each voxel of the grid is one."""
+    if not (isinstance(field, DisplacementField) and isinstance(field.lattice, Grid)):
+        return None
+    values = np.asarray(field.values)
+    at = places(field.lattice, grid, "float64")
+    if values.dtype != np.float32 or not _is_parallel(at):
+        return None
+    parts = [_consecutive(*_nodes_below(at, axis, n)) for axis, n in enumerate(field.lattice.shape)]
+    if None in parts:
+        return None
+    return tuple(np.moveaxis(values[tuple(part for part in parts if part)], -1, 0))
 
 
 def _device_components(field: AbstractField, on: Grid | Raster) -> tuple[Any, ...] | None:
@@ -439,6 +453,18 @@ def raster_with_opacity(field: AbstractField, raster: Raster) -> tuple[NDArray[n
     return check_finite(values), opacity
 
 
+def _nodes_below(at: Places, axis: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Along an axis of ``count`` samples: the sample at or before each place, and the place between it and the next."""
+    place = np.clip(at.whole[axis][axis] + at.part[axis][axis].astype(np.float64), 0, count - 1)
+    low = place.astype(np.int64)
+    return low, place - low
+
+
+def _consecutive(low: NDArray[np.int64], rest: NDArray[np.float64]) -> slice | None:
+    """Samples one after the other; None where a place lies between two, or samples are left out."""
+    return slice(int(low[0]), int(low[-1]) + 1) if not rest.any() and (np.diff(low) == 1).all() else None
+
+
 def _resample(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
     """Stored samples read linearly, one axis after the other; None if the axes are not parallel.
 
@@ -450,13 +476,12 @@ def _resample(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
     samples = samples.astype(np.result_type(samples, np.float32), copy=False)  # whole numbers lie between none
     for axis in reversed(range(samples.ndim - 1)):  # the longest array comes last
         n = samples.shape[axis]
-        place = np.clip(at.whole[axis][axis] + at.part[axis][axis], 0, n - 1)
-        low = place.astype(np.int64)
-        t = (place - low).astype(samples.dtype)
-        if not t.any() and (np.diff(low) == 1).all():
-            samples = samples[(slice(None),) * axis + (slice(low[0], low[-1] + 1),)]
+        low, rest = _nodes_below(at, axis, n)
+        run = _consecutive(low, rest)
+        if run is not None:
+            samples = samples[(slice(None),) * axis + (run,)]
             continue
-        t = t.reshape([-1 if k == axis else 1 for k in range(samples.ndim)])
+        t = rest.astype(samples.dtype).reshape([-1 if k == axis else 1 for k in range(samples.ndim)])
         samples = (1 - t) * samples.take(low, axis) + t * samples.take(np.minimum(low + 1, n - 1), axis)
     return samples
 

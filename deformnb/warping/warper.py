@@ -371,12 +371,15 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     if not by_lattice:
         chain.prepare(_progress_range(progress, 0.0, ends[0]))
 
+    stored = planning.samples_at_voxels(field, grid) if step == 1 else None
+
     def work(block: tuple[slice, slice]) -> None:
-        own = (
-            _lattice_displacements(field, planning.lattice(grid, block, step), block, step)
-            if by_lattice
-            else chain.block(block)
-        )
+        if stored is not None:
+            own = Displacements(tuple(component[block] for component in stored))
+        elif by_lattice:
+            own = _lattice_displacements(field, planning.lattice(grid, block, step), block, step)
+        else:
+            own = chain.block(block)
         for k, warper in enumerate(warpers):
             store(outs, k, block, warper.read_block(outs[k][block], own, block), is_final=by_lattice)
         for known in own.exact:
