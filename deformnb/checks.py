@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import os
 import types
 import warnings
@@ -10,7 +11,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import fields
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -211,11 +212,11 @@ def check_fields(owner: Any, *names: str) -> None:
     deformnb.errors.DeformError: is on of a Switch must be True or False, got 'yes'.
     """
     kind: Any = type(owner)
-    for name, hint in _hints(kind):
+    for name, hint, conform in _checked_fields(kind):
         if names and name not in names:
             continue
         given = getattr(owner, name)
-        value = _conform(given, hint)
+        value = conform(given)
         if value is _WRONG:
             called = kind.__name__
             article = "an" if called[0] in "AEIOU" else "a"
@@ -245,30 +246,37 @@ def check_arguments(function: Function) -> Function:
     ...
     deformnb.errors.DeformError: number must be a finite number, got '2'.
     """
-    called = signature(function)
 
     @wraps(function)
     def call_checked(*args: Any, **kwargs: Any) -> Any:
-        bound = called.bind(*args, **kwargs)
-        for name, hint in _plain_hints(function):
-            if name not in bound.arguments:
+        given: dict[Any, Any] = dict(enumerate(args)) | kwargs
+        for position, name, hint, conform in _checked_arguments(function):
+            at = position if position in given else name
+            if at not in given:
                 continue
-            given = bound.arguments[name]
-            value = _conform(given, hint)
+            value = conform(given[at])
             if value is _WRONG:
-                value = _conform(getattr(given, "grid", None), hint)
+                value = conform(getattr(given[at], "grid", None))
             if value is _WRONG:
-                raise DeformError(f"{name.replace('_', ' ')} must be {_describe_hint(hint)}, got {short_value(given)}.")
-            bound.arguments[name] = value
-        return function(*bound.args, **bound.kwargs)
+                raise DeformError(
+                    f"{name.replace('_', ' ')} must be {_describe_hint(hint)}, got {short_value(given[at])}."
+                )
+            given[at] = value
+        ordered = [given.pop(k) for k in range(len(args))]
+        return function(*ordered, **given)
 
     return call_checked  # type: ignore[return-value]
 
 
 @cache
-def _plain_hints(function: Any) -> tuple[tuple[str, Any], ...]:
-    hints = get_type_hints(function)
-    return tuple((name, hint) for name, hint in hints.items() if name != "return" and _is_plain(hint))
+def _checked_arguments(function: Any) -> tuple[tuple[int | None, str, Any, _Conform], ...]:
+    """The position, if it may have one, name, annotation and check of each argument that is checked."""
+    hints, parameters = get_type_hints(function), signature(function).parameters.values()
+    return tuple(
+        (None if one.kind is one.KEYWORD_ONLY else position, one.name, hints[one.name], _conforming(hints[one.name]))
+        for position, one in enumerate(parameters)
+        if one.name in hints and _is_plain(hints[one.name])
+    )
 
 
 def _is_plain(hint: Any) -> bool:
@@ -279,29 +287,45 @@ def _is_plain(hint: Any) -> bool:
 
 _WRONG: Any = object()
 
+_Conform = Callable[[Any], Any]
+"""The value as an annotation requires it, or :data:`_WRONG`."""
+
 
 @cache
-def _hints(kind: type) -> tuple[tuple[str, Any], ...]:
+def _checked_fields(kind: type) -> tuple[tuple[str, Any, _Conform], ...]:
     hints = get_type_hints(kind)
-    return tuple((one.name, hints[one.name]) for one in fields(kind))
+    return tuple((one.name, hints[one.name], _conforming(hints[one.name])) for one in fields(kind))
 
 
-def _conform(value: Any, hint: Any) -> Any:
-    """The value as the annotation requires it, or :data:`_WRONG`; other kinds are returned unchanged."""
+@cache
+def _conforming(hint: Any) -> _Conform:
+    """The check of an annotation, which is read once; values of other kinds are returned unchanged."""
     origin, among = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
-        return next((found for one in among if (found := _conform(value, one)) is not _WRONG), _WRONG)
+        return partial(_conform_first, tuple(map(_conforming, among)))
     if origin is tuple:
-        return _conform_tuple(value, among)
+        is_long = among[1:] == (...,)
+        return partial(_conform_tuple, tuple(map(_conforming, among[: 1 if is_long else None])), is_long)
     if hint in _PLAIN:
-        return _PLAIN[hint](value)
+        plain: _Conform = _PLAIN[hint]
+        return plain
     if origin is np.ndarray:
-        return _conform_array(value, get_args(among[1])[0])
+        return partial(_conform_array, get_args(among[1])[0])
     kind = origin or hint
-    return value if not isinstance(kind, type) or isinstance(value, kind) else _WRONG
+    if not isinstance(kind, type):
+        return lambda value: value
+    return lambda value: value if isinstance(value, kind) else _WRONG
 
 
-def _conform_array(value: Any, kind: Any) -> Any:
+def _conform_first(checks: tuple[_Conform, ...], value: Any) -> Any:
+    for conform in checks:
+        found = conform(value)
+        if found is not _WRONG:
+            return found
+    return _WRONG
+
+
+def _conform_array(kind: Any, value: Any) -> Any:
     """The value as an array of an annotated type; one of that type itself is not copied."""
     if isinstance(value, np.ndarray) and (kind is Any or value.dtype == kind):
         return value
@@ -315,21 +339,25 @@ def _conform_array(value: Any, kind: Any) -> Any:
     return _WRONG if real is None else real.astype(kind, copy=False)
 
 
-def _conform_tuple(value: Any, among: tuple[Any, ...]) -> Any:
+def _conform_tuple(checks: tuple[_Conform, ...], is_long: bool, value: Any) -> Any:
     if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
         return _WRONG
     given = tuple(value)
-    hints = (among[0],) * len(given) if among[1:] == (...,) else among
-    if len(given) != len(hints):
+    every = checks * len(given) if is_long else checks
+    if len(given) != len(every):
         return _WRONG
-    found = tuple(_conform(one, hint) for one, hint in zip(given, hints, strict=True))
-    if any(one is _WRONG for one in found):
-        return _WRONG
-    is_same = isinstance(value, tuple) and all(one is before for one, before in zip(found, given, strict=True))
-    return value if is_same else found
+    found = [conform(one) for one, conform in zip(given, every, strict=True)]
+    is_same = isinstance(value, tuple)
+    for one, before in zip(found, given, strict=True):
+        if one is _WRONG:
+            return _WRONG
+        is_same = is_same and one is before
+    return value if is_same else tuple(found)
 
 
 def _plain_number(value: Any) -> Any:
+    if type(value) is float and math.isfinite(value):
+        return value
     if isinstance(value, bool | np.bool_ | str | bytes) or not is_finite(value):
         return _WRONG
     return value if type(value) in (int, float) else float(np.asarray(value))

@@ -12,6 +12,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, overload
 
@@ -146,7 +147,8 @@ class Step(AbstractFitSettings):
         if self.extrusion != "modulate" and self.curve != "z":
             EXTRUSIONS["modulate"](self.curve)  # checked for when the rule changes
         if self.chosen_support is None:
-            object.__setattr__(self, "chosen_support", self.settings.with_chosen_support(self.maps).chosen_support)
+            chosen = FitSettings.of(self).with_chosen_support(self.maps).chosen_support
+            object.__setattr__(self, "chosen_support", chosen)
 
     def _check_kinds(self) -> None:
         for given in self.maps:
@@ -189,7 +191,7 @@ class Step(AbstractFitSettings):
         rule, off = "" if self.plane is None else f", {self.extrusion}", "" if self.enabled else ", switched off"
         return f"<Step{name}: {', '.join(kinds)}, {self.kernel}, trend {self.trend}{rule}{off}>"
 
-    @property
+    @cached_property
     def settings(self) -> FitSettings:
         """The settings of the fit alone."""
         return FitSettings.of(self)
