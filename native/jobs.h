@@ -166,28 +166,29 @@ static int NAME(general)(const Source *source, const Field *field, const Target 
     const int size = VOXEL_SIZES[source->voxel_type];
     NAME(Tables) tables;
     if (NAME(make_tables)(source, &tables)) return 1;
-    float *scratch = malloc(sizeof(float) * 3 * (size_t)(nx * (field->nodes_y + 1)));
+    const int64_t nodes_z = field->nodes[0], nodes_y = field->nodes[1], plane = nodes_y * nx;
+    float *scratch = malloc(sizeof(float) * 3 * (size_t)(nx + plane * (1 + nodes_z)));
     if (!scratch) {
         free(tables.memory);
         return 1;
     }
-    float *const rows = scratch, *const planes = scratch + 3 * nx;
+    float *const rows = scratch, *const planes = rows + 3 * nx, *const wide = planes + 3 * plane;
+    for (int c = 0; c < 3; c++)
+        for (int64_t z = 0; z < nodes_z; z++)
+            for (int64_t y = 0; y < nodes_y; y++)
+                expand_row(field->d[c] + z * field->stride[0] + y * field->stride[1], field->first[2],
+                           field->weights[2], field->taps[2], nx, wide + ((c * nodes_z + z) * nodes_y + y) * nx);
     int result = 0;
     for (int64_t z = 0; z < nz; z++) {
-        if (field->nodes_y) {
-            const int64_t length = field->nodes_y * nx;
-            for (int c = 0; c < 3; c++)
-                for (int64_t r = 0; r < field->nodes_y; r++)
-                    mix_rows(field->d[c] + field->first[0][z] * field->stride[0] + r * field->stride[1],
-                             field->stride[0], field->weights[0] + z, nz, field->taps[0], nx,
-                             planes + c * length + r * nx);
-        }
+        for (int c = 0; c < 3 && nodes_y; c++)
+            mix_rows(wide + (c * nodes_z + field->first[0][z]) * plane, plane, field->weights[0] + z, nz,
+                     field->taps[0], plane, planes + c * plane);
         for (int64_t y = 0; y < ny; y++) {
             const float *d[3] = {rows, rows + nx, rows + 2 * nx};
             const int64_t at = z * field->stride[0] + y * field->stride[1];
-            if (field->nodes_y)
+            if (nodes_y)
                 for (int c = 0; c < 3; c++)
-                    mix_rows(planes + (c * field->nodes_y + field->first[1][y]) * nx, nx, field->weights[1] + y, ny,
+                    mix_rows(planes + c * plane + field->first[1][y] * nx, nx, field->weights[1] + y, ny,
                              field->taps[1], nx, rows + c * nx);
             else if (field->stride[2] == 1)
                 for (int c = 0; c < 3; c++) d[c] = field->d[c] + at;

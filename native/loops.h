@@ -54,14 +54,14 @@ typedef struct {
     int64_t start[3], stop[3]; /* of the box, in voxels of the output */
 } Target;
 
-/* Displacements in space along x, y, z: at every voxel of the box, or between nodes along z and y. */
+/* Displacements in space along x, y, z: at every voxel of the box, or at nodes between which they are interpolated. */
 typedef struct {
     const float *d[3];
-    int64_t stride[3]; /* of each component, in elements along z, y, x */
-    int64_t nodes_y; /* rows of nodes; 0 where every voxel has its own displacement */
-    const int32_t *first[2]; /* along z and y the first node that each voxel of the box reads */
-    const float *weights[2]; /* [tap][voxel] */
-    int32_t taps[2];
+    int64_t stride[3]; /* of each component, in elements along z, y, x; nodes of a row are contiguous */
+    int64_t nodes[2];  /* along z and y; 0 where every voxel has its own displacement */
+    const int32_t *first[3]; /* along z, y, x the first node that each voxel of the box reads */
+    const float *weights[3]; /* [tap][voxel] */
+    int32_t taps[3];
 } Field;
 
 /* Displacements in a plane across the array axis `normal`: sum over k of weights[k][i along normal] * maps[k]. */

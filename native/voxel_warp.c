@@ -75,6 +75,21 @@ static void mix_rows(const float *restrict rows, int64_t stride, const float *we
 #define SHUFFLE(A, B, ...) __builtin_shuffle(A, B, (__typeof__(A)){__VA_ARGS__})
 #endif
 
+/* Nodes of a row at the voxels that read them. */
+static void expand_row(const float *restrict nodes, const int32_t *restrict first, const float *restrict weights,
+                       int taps, int64_t n, float *restrict out) {
+    if (taps == 2) {
+        const float *restrict w1 = weights + n;
+        SIMD for (int64_t i = 0; i < n; i++) out[i] = weights[i] * nodes[first[i]] + w1[i] * nodes[first[i] + 1];
+        return;
+    }
+    for (int64_t i = 0; i < n; i++) {
+        float sum = 0;
+        for (int k = 0; k < taps; k++) sum += weights[k * n + i] * nodes[first[i] + k];
+        out[i] = sum;
+    }
+}
+
 /* Components that lie side by side, one after the other. */
 static void split_row(const float *restrict from, int64_t n, float *restrict to) {
     int64_t i = 0;

@@ -10,6 +10,15 @@ from numpy.typing import NDArray
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.volume import Grid
 from deformnb.warping.compositions import ComposedEvaluator, Displacements, NodeTable
+from deformnb.warping.planning import Tables
+
+
+def interpolate_nodes(d: NDArray[Any], tables: Tables) -> NDArray[Any]:
+    """Displacements (3, z, y, x) at voxels, from those at nodes."""
+    for axis, (first, weights) in enumerate(tables):
+        column = [-1 if k == axis else 1 for k in range(3)]
+        d = np.sum([w.reshape(column) * d.take(first + k, axis + 1) for k, w in enumerate(weights)], axis=0)
+    return d
 
 
 def values_at_voxels(
@@ -19,9 +28,7 @@ def values_at_voxels(
     d = np.stack([np.asarray(part) for part in found.d])
     opacity = None if found.opacity is None else np.array(found.opacity)
     if found.nodes is not None:
-        (below, z), (before, y) = found.nodes
-        d = sum(w[:, None, None] * d[:, below + k] for k, w in enumerate(z))
-        d = sum(w[:, None] * d[:, :, before + k] for k, w in enumerate(y))
+        d = interpolate_nodes(d, found.nodes)
     start = np.array([part.start for part in block])
     d = d[:, : grid.shape[0] - start[0], : grid.shape[1] - start[1]]
     for voxels, values, share in (*found.exact, *(find() for find in table.replacements())):

@@ -60,10 +60,10 @@ class Field(ctypes.Structure):
     _fields_: ClassVar = [
         ("d", _Address * 3),
         ("stride", _Int * 3),
-        ("nodes_y", _Int),
-        ("first", _Address * 2),
-        ("weights", _Address * 2),
-        ("taps", ctypes.c_int32 * 2),
+        ("nodes", _Int * 2),
+        ("first", _Address * 3),
+        ("weights", _Address * 3),
+        ("taps", ctypes.c_int32 * 3),
     ]
 
 

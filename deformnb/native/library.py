@@ -51,6 +51,7 @@ def use_level(name: str | None) -> str | None:
     return before
 
 
+@cache
 def levels() -> tuple[str, ...]:
     """The levels that this processor can run, the best one last; none without the library."""
     library = _library()

@@ -19,7 +19,7 @@ from deformnb.native.jobs import Loops
 _WIDE = ("int32", "float64")  # interpolated in float64, since float32 would change them
 
 NodeTables = tuple[tuple[NDArray[np.int32], NDArray[np.float32]], ...]
-"""Along z and y the first node that each voxel reads (n,), and the weights (taps, n) of the nodes from there."""
+"""Along z, y, x the first node that each voxel reads (n,), and the weights (taps, n) of the nodes from there."""
 
 PlaceTables = Sequence[NDArray[Any]]
 """For each output axis its part of the place along the three input axes (3, n)."""
@@ -101,8 +101,8 @@ class VoxelSource:
         ----------
         out : the box [z, y, x] within an array whose columns are contiguous.
         start : the first voxel of the box.
-        d : displacements along x, y, z, at all voxels of the box, or at nodes (nodes z, nodes y, x).
-        nodes : the nodes that planes and rows of the box read.
+        d : displacements along x, y, z, at all voxels of the box, or at nodes.
+        nodes : the nodes that planes, rows and columns of the box read.
         """
         target = self._target(out, start)
         field = jobs.Field()
@@ -114,9 +114,9 @@ class VoxelSource:
             if shape != out.shape:
                 raise ValueError(f"displacements {shape} are not those of a box {out.shape}.")
         else:
-            if shape[2] != out.shape[2]:
-                raise ValueError(f"nodes {shape} have other columns than a box {out.shape}.")
-            field.nodes_y = shape[1]
+            if len(nodes) != 3:
+                raise ValueError("nodes have tables along z, y and x.")
+            field.nodes[:] = shape[:2]
             for axis, tables in enumerate(nodes):
                 n = out.shape[axis]
                 first, weights = (

@@ -230,13 +230,13 @@ def _strides(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     return shape[1] * shape[2], shape[2], 1
 
 
-def _interpolate_nodes(nodes_d: Any, nodes: Any) -> Any:
-    """Displacements (nodes z, nodes y, x) along one axis at the voxels that read the nodes."""
-    if nodes is None:
-        return nodes_d
-    (below, z), (before, y) = nodes
-    planes = sum(w[:, None, None] * nodes_d[below + k] for k, w in enumerate(z))
-    return sum(w[:, None] * planes[:, before + k] for k, w in enumerate(y))
+def _interpolate_nodes(d: Any, nodes: Any) -> Any:
+    """A component (z, y, x) at nodes, at the voxels that read them: first along x, then along y and z."""
+    for axis in (2, 1, 0) if nodes is not None else ():
+        first, weights = nodes[axis]
+        column = (-1,) + (1,) * (2 - axis)
+        d = sum(w.reshape(column) * jnp.take(d, first + k, axis) for k, w in enumerate(weights))
+    return d
 
 
 def _general(
@@ -256,10 +256,10 @@ def _general(
     """A block of the output under any field. Axes of arrays come in the order z, y, x throughout.
 
     flat : the input's voxels (or spline coefficients) in any shape; ``shape`` is their shape.
-    field : physical displacement along x, y, z: three arrays (z, y, x), or (nodes z, nodes y, x).
+    field : physical displacement along x, y, z: three arrays (z, y, x), at voxels or at nodes.
     matrix : 3 x 3, from physical displacement (x, y, z) to input voxels (z, y, x).
     whole, part : for output axes z, y, x the contribution (3, n) to the input place (z, y, x).
-    nodes : None, or for z and y the first node that each voxel reads (n,), and the weights (T, n) of nodes from there.
+    nodes : None, or for z, y, x the first node that each voxel reads (n,), and the weights (T, n) of nodes from there.
     """
     d = [_interpolate_nodes(component, nodes).astype(compute) for component in field]
     (zw, yw, xw), (zp, yp, xp) = whole, part

@@ -91,8 +91,8 @@ class Displacements:
 
     Parameters
     ----------
-    d : components x, y, z, each (nodes z, nodes y, nx); or [z, y, x] at every voxel.
-    nodes : along z and y the first node that each voxel reads (n,) and the weights (T, n) of nodes from there; None
+    d : components x, y, z, each [z, y, x] at nodes or at every voxel.
+    nodes : along z, y, x the first node that each voxel reads (n,) and the weights (T, n) of nodes from there; None
         where every voxel has its own.
     opacity : [z, y, x] of displacements at every voxel; None where all is 1.
     exact : replacements of these displacements, computed on demand.
@@ -234,13 +234,13 @@ class NodeTable:
     def _read(self, lattice: _Lattice, block: tuple[slice, slice], *exact: Iterator[Replacement]) -> Displacements:
         """Displacements in a block of the voxels of a lattice; blocks of one shape have equally many nodes."""
         h, tables, some = lattice.spacing, [], []
-        for part, present in zip(block, lattice.nodes.shape[1:], strict=False):
+        for part, present in zip((*block, slice(0, self._grid.shape[2])), lattice.nodes.shape[1:], strict=True):
             n = np.arange(part.start, part.stop)
             count = min(present, (len(n) + h - 2) // h + 4)
             first = min(part.start // h, present - count)
             tables.append(((n // h - first).astype(np.int32), np.stack(lagrange(n % h / h)).astype(np.float32)))
             some.append(slice(first, first + count))
-        d = planning.interpolate_x(lattice.nodes[:, *some], _weights(self._grid.shape[2], h))
+        d = tuple(lattice.nodes[:, *some])
         return Displacements(d, tuple(tables), exact=chain(*exact))
 
 
@@ -465,16 +465,6 @@ def _reduce_cells(values: NDArray[Any], count: int, joined: np.ufunc) -> NDArray
 
 
 @lru_cache(maxsize=32)
-def _weights(count: int, spacing: int) -> NDArray[np.float32]:
-    """Lagrange's cubic weights (nodes, count) of voxels between nodes, the first node one before the first voxel."""
-    at = np.arange(count)
-    cell, t = at // spacing, (at % spacing) / spacing
-    weights = np.zeros((-(-count // spacing) + 3, count), np.float32)
-    for k, w in enumerate(lagrange(t)):
-        weights[cell + k, at] = w
-    return weights
-
-
 class ComposedEvaluator:
     """The steps of a composition, made ready for one output grid.
 

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from math import ceil
 from typing import Any, TypeAlias, TypeVar
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import jit, jnp
+from deformnb._jax import jnp
 from deformnb._typing import Progress
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
@@ -296,36 +296,36 @@ def _sample_plane(
 
 
 def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
-    """The lattice of the field for a block: all of it if ``step`` is 1, else every ``step``-th plane and row."""
+    """The lattice of the field for a block: its voxels if ``step`` is 1, else every ``step``-th along each axis."""
     (z, y), extra = block, int(step > 1)
-    shape = ((z.stop - z.start) // step + extra, (y.stop - y.start) // step + extra, grid.shape[2])
-    sx, sy, sz = grid.spacing
-    origin = grid.index_to_point([0, y.start, z.start])
-    return replace(grid, shape=shape, spacing=(sx, sy * step, sz * step), origin=(origin[0], origin[1], origin[2]))
+    nz, ny, nx = (ceil(n / step) + extra for n in (z.stop - z.start, y.stop - y.start, grid.shape[2]))
+    sx, sy, sz = (step * s for s in grid.spacing)
+    ox, oy, oz = grid.index_to_point([0, y.start, z.start])
+    return replace(grid, shape=(nz, ny, nx), spacing=(sx, sy, sz), origin=(ox, oy, oz))
 
 
 Tables = tuple[tuple[NDArray[np.int32], NDArray[np.float32]], ...]
-"""Along z and y: the first node that each voxel reads (n,), and the weights (T, n) of T nodes from there."""
+"""Along z, y, x: the first node that each voxel reads (n,), and the weights (T, n) of T nodes from there."""
 
 
-def step_tables(block: BlockSlices, step: int) -> Tables:
-    """Tables of a block whose nodes are every ``step``-th plane and row of it."""
+def step_tables(lengths: Sequence[int], step: int) -> Tables:
+    """Tables of a block of voxels, [z, y, x], of which every ``step``-th is a node."""
     tables = []
-    for part in block:
-        low, rest = np.divmod(np.arange(part.stop - part.start), step)
+    for length in lengths:
+        low, rest = np.divmod(np.arange(length), step)
         t = (rest / step).astype(np.float32)
         tables.append((low.astype(np.int32), np.stack([1 - t, t])))
     return tuple(tables)
 
 
 def interpolation_tables(field: AbstractField, grid: Grid) -> tuple[tuple[Any, ...], Tables] | None:
-    """A field stored on a coarser grid with parallel axes, interpolated along x; None if it is no such field.
+    """A field stored on a coarser grid with parallel axes; None if it is no such field.
 
     Returns
     -------
-    displacements (nodes z, nodes y, nx) along x, y, z, and the nodes next to each voxel. The warp's kernel interpolates
-    between these plane by plane, in the cache: displacements of all voxels would take twelve bytes for each. Blocks of
-    one shape have equally many nodes, so that one compilation serves all.
+    displacements along x, y, z at the nodes (z, y, x) around the voxels, and the nodes next to each voxel. The warp's
+    loops interpolate between these plane by plane, in the cache: displacements of all voxels would take twelve bytes
+    for each. Blocks of one shape have equally many nodes.
     """
     if not (isinstance(field, DisplacementField) and isinstance(field.lattice, Grid)):
         return None
@@ -343,9 +343,7 @@ def interpolation_tables(field: AbstractField, grid: Grid) -> tuple[tuple[Any, .
         parts.append(slice(first, first + most))
         tables.append(((low - first).astype(np.int32), np.stack([1 - t, t]).astype(np.float32)))
     some = np.moveaxis(np.asarray(field.values[tuple(parts)], dtype=np.float32), -1, 0)
-    before, (left, right) = tables.pop()
-    d = np.asarray(left * some[..., before] + right * some[..., before + 1], np.float32)
-    return tuple(d), tuple(tables)
+    return tuple(np.ascontiguousarray(some)), tuple(tables)
 
 
 def _is_parallel(at: Places) -> bool:
@@ -361,18 +359,14 @@ def _cells(at: Places, axis: int, count: int) -> tuple[NDArray[np.int64], NDArra
     return before, rest + (low - before)
 
 
-def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
+def displacements(field: AbstractField, grid: Grid) -> Any:
     """The field on a lattice: components x, y, z as three arrays (z, y, x); their reader checks that they
     are finite.
-
-    A field that is evaluated is evaluated at every ``step``-th node along x only, and interpolated linearly in between.
     """
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
         d = _resample(np.asarray(field.values), places(field.lattice, grid, "float64"))
         if d is not None:
             return tuple(np.moveaxis(np.asarray(d, np.float32), -1, 0))
-    if step > 1 and grid.shape[2] > step:
-        return _coarse_along_x(field, grid, step)
     with devices.device_context():  # else JAX would move operations on the result to the device that it prefers
         stays = _device_components(field, grid)
         return tuple(np.asarray(field.components_on_grid(grid), np.float32)) if stays is None else stays
@@ -406,34 +400,10 @@ def _device_components(field: AbstractField, on: Grid | Raster) -> tuple[Any, ..
     return d
 
 
-def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> tuple[Any, ...]:
-    (nz, ny, nx), (sx, sy, sz) = grid.shape, grid.spacing
-    coarse = replace(grid, shape=(nz, ny, ceil(nx / step) + 1), spacing=(step * sx, sy, sz))
-    d: tuple[Any, ...] = _refine(np.asarray(field.components_on_grid(coarse), np.float32), step=step, count=nx)
-    return d
-
-
-@partial(jit, on_one_thread=True, static_argnames=("step", "count"))
-def _refine(nodes: Any, *, step: int, count: int) -> tuple[Any, ...]:
-    """Components (z, y, x) at ``count`` voxels along x, of nodes (components, z, y, n) at every ``step``-th of them."""
-    t = jnp.asarray(np.arange(step) / step, jnp.float32)
-    return tuple(
-        ((1 - t) * d[:, :, :-1, None] + t * d[:, :, 1:, None]).reshape(*d.shape[:2], -1)[:, :, :count] for d in nodes
-    )
-
-
-@partial(jit, on_one_thread=True)
-def interpolate_x(nodes: Any, weights: Any) -> tuple[Any, ...]:
-    """Components (z, y, x) at voxels, from nodes (components, z, y, n) along x and their weights (n, x)."""
-    return tuple(jnp.einsum("zyi,ix->zyx", component, weights, precision="highest") for component in nodes)
-
-
-def displacements_and_opacity(
-    field: AbstractField, grid: Grid, step: int = 1
-) -> tuple[Any, NDArray[np.float32] | None]:
+def displacements_and_opacity(field: AbstractField, grid: Grid) -> tuple[Any, NDArray[np.float32] | None]:
     """:func:`displacements` of a field on a lattice, and its opacity [z, y, x] if it has cuts."""
     if not field.has_cuts:
-        return displacements(field, grid, step), None
+        return displacements(field, grid), None
     d, opacity = field.lattice_values_and_opacity(*grid_lines(grid), min(grid.spacing))
     d = np.asarray(d, np.float32).reshape(3, *grid.shape)
     return tuple(d), None if opacity is None else opacity.reshape(grid.shape)

@@ -134,7 +134,7 @@ class CompiledReader:
         if nodes is None:
             moves = [component[:nz, :ny] for component in moves]
         else:
-            nodes = tuple((first[:n], w[:, :n]) for (first, w), n in zip(nodes, (nz, ny), strict=True))
+            nodes = tuple((first[:n], w[:, :n]) for (first, w), n in zip(nodes, out.shape, strict=True))
         try:
             self._source.read_box(out, (block[0].start, block[1].start, 0), moves, nodes)
         except NotFiniteError:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
-from deformnb.rbf.fields import AbstractField, HasField, as_field
+from deformnb.rbf.fields import AbstractField, DisplacementField, HasField, as_field
 from deformnb.volume import sampling
 from deformnb.volume.channels import Channels
 from deformnb.volume.converters import convert
@@ -363,7 +363,8 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     outs = [warper.empty() for warper in warpers]
     for warper in warpers:
         warper.load()
-    step = 1 if field.has_cuts else warpers[0].step  # no displacement is interpolated across a cut
+    # No displacement is interpolated across a cut, and stored ones need not be evaluated.
+    step = 1 if field.has_cuts or isinstance(field, DisplacementField) else warpers[0].step
 
     chain = ComposedEvaluator(field, grid)
     by_lattice = chain.is_single or step > 1
@@ -371,13 +372,13 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     if not by_lattice:
         chain.prepare(_progress_range(progress, 0.0, ends[0]))
 
-    stored = planning.samples_at_voxels(field, grid) if step == 1 else None
+    stored = planning.samples_at_voxels(field, grid)
 
     def work(block: tuple[slice, slice]) -> None:
         if stored is not None:
             own = Displacements(tuple(component[block] for component in stored))
         elif by_lattice:
-            own = _lattice_displacements(field, planning.lattice(grid, block, step), block, step)
+            own = _lattice_displacements(field, grid, block, step)
         else:
             own = chain.block(block)
         for k, warper in enumerate(warpers):
@@ -396,15 +397,15 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     return outs
 
 
-def _lattice_displacements(
-    field: AbstractField, lattice: Grid, block: planning.BlockSlices, step: int
-) -> Displacements:
+def _lattice_displacements(field: AbstractField, grid: Grid, block: planning.BlockSlices, step: int) -> Displacements:
     """Stored samples as they are, anything else evaluated at every node of the lattice of a block."""
+    lattice = planning.lattice(grid, block, step)
     stored = planning.interpolation_tables(field, lattice) if step == 1 else None
     if stored is not None:
         return Displacements(*stored)
-    d, opacity = planning.displacements_and_opacity(field, lattice, step)
-    return Displacements(d, planning.step_tables(block, step) if step > 1 else None, opacity)
+    d, opacity = planning.displacements_and_opacity(field, lattice)
+    lengths = [part.stop - part.start for part in block] + [grid.shape[2]]
+    return Displacements(d, planning.step_tables(lengths, step) if step > 1 else None, opacity)
 
 
 def _warp_near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | None) -> list[NDArray[Any]]:

@@ -79,11 +79,17 @@ def test_displacements_that_do_not_fit_are_refused() -> None:
         make().read_box(out, (0, 0, 0), still((2, 4, 5)))
     with pytest.raises(ValueError, match="three arrays"):
         make().read_box(out, (0, 0, 0), still()[:2])
-    for z, taps in (([0, 1, 2], 2), ([0, 0, -1], 2), ([0, 0], 2), ([0, 0, 0], 4)):
-        weights = np.ones((taps, len(z)), np.float32)
-        nodes = ((np.array(z), weights), (np.zeros(4, np.int32), np.ones((2, 4), np.float32)))
-        with pytest.raises(ValueError, match="nodes"):
-            make().read_box(out, (0, 0, 0), still((3, 2, 5)), nodes)
+    good = tuple((np.zeros(n, np.int32), np.ones((2, n), np.float32)) for n in SHAPE)
+    make().read_box(out, (0, 0, 0), still((3, 2, 5)), good)
+    for axis in range(3):
+        for first, taps in (([0, 1, 5], 2), ([0, 0, -1], 2), ([0, 0], 2), ([0, 0, 0], 7)):
+            changed = np.resize(first, SHAPE[axis] if len(first) == 3 else 2)
+            tables = [*good]
+            tables[axis] = (changed, np.ones((taps, len(changed)), np.float32))
+            with pytest.raises(ValueError, match="nodes"):
+                make().read_box(out, (0, 0, 0), still((3, 2, 5)), tuple(tables))
+    with pytest.raises(ValueError, match="nodes"):
+        make().read_box(out, (0, 0, 0), still((3, 2, 5)), good[:2])
 
 
 def test_voxels_that_are_not_there_are_refused() -> None:

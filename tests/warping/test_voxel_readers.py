@@ -71,6 +71,7 @@ def read_everything(reader: Any, d: tuple[NDArray[Any], ...], rng: np.random.Gen
     nodes = (
         (np.array([0, 0, 1, 1, 2], np.int32), rng.integers(0, 8, (2, 5)).astype(np.float32) / 8),
         (np.array([0, 0, 0, 1, 1, 2, 2], np.int32), rng.integers(0, 8, (4, 7)).astype(np.float32) / 8),
+        (np.arange(OUTPUT[2], dtype=np.int32) // 3, rng.integers(0, 8, (2, OUTPUT[2])).astype(np.float32) / 8),
     )
     between = reader.read_block(out.copy(), block, tuple(component[:4, :6] for component in d), nodes)
     voxels = tuple(rng.integers(0, n, 400).astype(np.int32) for n in OUTPUT)
