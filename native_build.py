@@ -26,7 +26,7 @@ STAMP = FOLDER / "sources.sha256"
 WHEEL = "ziglang>=0.14"
 X86_LEVELS = {"base": "x86-64", "v2": "x86-64-v2", "v3": "x86-64-v3", "v4": "x86-64-v4"}
 # Without contraction of a * b + c all levels give the same voxels. No loop is distributed over threads here.
-PER_LEVEL = ("voxel_warp", "radial_sums")  # compiled once for each level
+PER_LEVEL = ("voxel_warp", "radial_sums", "edge_distances")  # compiled once for each level
 FLAGS = ("-std=gnu11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fopenmp-simd", "-fPIC",
          "-fvisibility=hidden", "-Wall")  # fmt: skip
 

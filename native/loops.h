@@ -94,6 +94,16 @@ typedef struct {
     int32_t dim, kernel, is_compact, is_double, derivatives;
 } LatticeSum;
 
+/* Signed distances to an outline on a picture. */
+typedef struct {
+    /* [edges][12]: the start, the direction, the range along it from 0 to 1, and the normals where the nearest place is
+       between the ends, at the start and at the end. */
+    const double *edge;
+    const double *places; /* [count][2] */
+    double *out;          /* [count] */
+    int64_t edges, count;
+} EdgeDistances;
+
 /* All return 0, 1 where there is no memory, or 2 where a displacement is not finite. */
 typedef struct {
     int (*general)(const Source *, const Field *, const Target *);
@@ -101,6 +111,7 @@ typedef struct {
     int (*slices)(const Source *, const PlaneField *, const Target *);
     int (*rows)(const Source *, const PlaneField *, const Target *);
     int (*sum_lattice)(const LatticeSum *);
+    int (*edge_distances)(const EdgeDistances *);
 } Loops;
 
 #endif

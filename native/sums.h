@@ -20,13 +20,13 @@ static inline void NAME(distances)(const NAME(Centre) *centre, REAL (*restrict c
         SIMD for (int i = 0; i < n; i++) s[i] = (rest + (from + x[i]) * (from + x[i])) * square;
         return;
     }
-    for (int k = 0; k < dim; k++) {
-        const REAL from = centre->from[k], *restrict x = column[k];
-        if (k) {
-            SIMD for (int i = 0; i < n; i++) s[i] += (from + x[i]) * (from + x[i]);
-        } else {
-            SIMD for (int i = 0; i < n; i++) s[i] = (from + x[i]) * (from + x[i]);
-        }
+    const REAL *restrict x = column[0], *restrict y = column[1], *restrict z = column[2];
+    const REAL x0 = centre->from[0], y0 = centre->from[1], z0 = centre->from[2];
+    if (dim == 2) {
+        SIMD for (int i = 0; i < n; i++) s[i] = (x0 + x[i]) * (x0 + x[i]) + (y0 + y[i]) * (y0 + y[i]);
+    } else {
+        SIMD for (int i = 0; i < n; i++)
+            s[i] = ((x0 + x[i]) * (x0 + x[i]) + (y0 + y[i]) * (y0 + y[i])) + (z0 + z[i]) * (z0 + z[i]);
     }
     const REAL square = centre->square;
     if (square != 1) {
@@ -117,12 +117,12 @@ static void NAME(polynomial)(const LatticeSum *job, const double *p0, REAL (*res
 /* The corners of a set of lines (dim, n), from the place `from` on. */
 static void NAME(corners)(const double *lines, int64_t stride, int dim, int64_t from, int64_t n, double *low, double *high) {
     for (int k = 0; k < dim; k++) {
-        low[k] = high[k] = lines[k * stride + from];
-        for (int64_t i = from + 1; i < from + n; i++) {
-            const double x = lines[k * stride + i];
-            low[k] = x < low[k] ? x : low[k];
-            high[k] = x > high[k] ? x : high[k];
-        }
+        const double *restrict x = lines + k * stride + from;
+        double a = x[0], b = x[0];
+        SIMD_REDUCTION(min, a) for (int64_t i = 0; i < n; i++) a = x[i] < a ? x[i] : a;
+        SIMD_REDUCTION(max, b) for (int64_t i = 0; i < n; i++) b = x[i] > b ? x[i] : b;
+        low[k] = a;
+        high[k] = b;
     }
 }
 
@@ -150,9 +150,11 @@ static int NAME(sum_lattice)(const LatticeSum *job) {
     for (int64_t t = 0; t < tiles; t++) {
         const int64_t c0 = t * COLUMNS, n = job->columns - c0 < COLUMNS ? job->columns - c0 : COLUMNS;
         NAME(corners)(job->column, job->columns, dim, c0, n, boxes + 6 * t, boxes + 6 * t + 3);
-        for (int k = 0; k < dim; k++)
-            for (int64_t i = 0; i < n; i++)
-                lines[t][k][i] = (REAL)(job->column[k * job->columns + c0 + i] - job->column[k * job->columns + c0]);
+        for (int k = 0; k < dim; k++) {
+            const double *restrict x = job->column + k * job->columns + c0;
+            REAL *restrict to = lines[t][k];
+            SIMD for (int64_t i = 0; i < n; i++) to[i] = (REAL)(x[i] - x[0]);
+        }
     }
     for (int64_t block = job->first; block < job->stop; block += ROWS) {
         const int64_t end = block + ROWS < job->stop ? block + ROWS : job->stop;

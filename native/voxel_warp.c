@@ -212,5 +212,7 @@ static int rows(const Source *source, const PlaneField *field, const Target *tar
 }
 
 int PASTE(deformnb_sum_lattice, LEVEL)(const LatticeSum *);
+int PASTE(deformnb_edge_distances, LEVEL)(const EdgeDistances *);
 
-EXPORT const Loops PASTE(deformnb_loops, LEVEL) = {general, listed, slices, rows, PASTE(deformnb_sum_lattice, LEVEL)};
+EXPORT const Loops PASTE(deformnb_loops, LEVEL) = {
+    general, listed, slices, rows, PASTE(deformnb_sum_lattice, LEVEL), PASTE(deformnb_edge_distances, LEVEL)};

@@ -98,10 +98,19 @@ class LatticeSum(ctypes.Structure):
     ]
 
 
+class EdgeDistances(ctypes.Structure):
+    """Signed distances to an outline on a picture."""
+
+    _fields_: ClassVar = [*((name, _Address) for name in ("edge", "places", "out")), ("edges", _Int), ("count", _Int)]
+
+
 class Loops(ctypes.Structure):
     """The table of functions of one level of instructions."""
 
     _fields_: ClassVar = [
         (name, ctypes.CFUNCTYPE(ctypes.c_int, *(_Address,) * count))
-        for name, count in (("general", 3), ("listed", 2), ("slices", 3), ("rows", 3), ("sum_lattice", 1))
+        for name, count in (
+            *(("general", 3), ("listed", 2), ("slices", 3), ("rows", 3)),
+            *(("sum_lattice", 1), ("edge_distances", 1)),
+        )
     ]

@@ -331,7 +331,8 @@ class Decoupled(AbstractField):
     def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
         moves = [f.jax_displacement(x) for f in self.fields]
-        choice, _ = self._decide(x, moves, jnp)
+        here, *there = ([r(p) for r in self.regions] for p in self._cut_coordinates([x, *(x + d for d in moves)], jnp))
+        choice, _ = decide(here, there, self.sides, self.rule, self.softness, jnp)
         total = jnp.zeros_like(x)
         for k, d in enumerate(moves):
             total = jnp.where((choice == k)[..., None], d, total)
@@ -346,7 +347,7 @@ class Decoupled(AbstractField):
     def displacement_and_opacity(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         x = np.asarray(points, dtype=np.float64)
         moves = [f.displacement(x) for f in self.fields]
-        choice, opacity = self._decide(x, moves, np)
+        choice, opacity = self.choose(x, moves)
         total = np.zeros_like(x)
         for k, d in enumerate(moves):
             total = np.where((choice == k)[..., None], d, total)
@@ -355,7 +356,7 @@ class Decoupled(AbstractField):
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """The Jacobian of the field seen at each point; it does not contain the jump across a cut."""
         x = np.asarray(points, dtype=np.float64)
-        choice, _ = self._decide(x, [f.displacement(x) for f in self.fields], np)
+        choice, _ = self.choose(x, [f.displacement(x) for f in self.fields])
         out = np.zeros((*x.shape, self.dim))
         for k, f in enumerate(self.fields):
             own = choice == k
@@ -367,7 +368,7 @@ class Decoupled(AbstractField):
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
         moves = [np.moveaxis(f.lattice_values(r, c, self.softness), 0, -1) for f in self.fields]
-        choice, _ = self._decide(x, moves, np)
+        choice, _ = self.choose(x, moves)
         out = np.zeros((self.dim, self.dim, *choice.shape), dtype=np.float32)
         for k, f in enumerate(self.fields):
             own = choice == k
@@ -393,16 +394,23 @@ class Decoupled(AbstractField):
             self.rule,
         )
 
-    def _decide(self, x: Any, moves: list[Any], xp: Any) -> tuple[Any, Any]:
-        here = self._distances(x, xp)
-        there = [self._distances(x + d, xp) for d in moves]
-        return decide(here, there, self.sides, self.rule, self.softness, xp)
+    def choose(self, x: NDArray[np.float64], moves: Sequence[NDArray[Any]]) -> tuple[Any, Any]:
+        """The field seen at places x (..., dim) by its number, and the opacity, as :func:`decide` returns them.
 
-    def _distances(self, x: Any, xp: Any) -> list[Any]:
-        """Signed distances (...) of points to every cut."""
-        if self.plane is not None:
-            x = (x - xp.asarray(self.plane.origin)) @ xp.asarray(self.plane.frame[:2]).T
-        return [r.signed_distance(x) if xp is np else r(x) for r in self.regions]
+        Parameters
+        ----------
+        moves : displacements (..., dim) of all fields there.
+        """
+        places = self._cut_coordinates([x, *(x + d for d in moves)], np)
+        here, *there = ([r.signed_distance(p) for r in self.regions] for p in places)
+        return decide(here, there, self.sides, self.rule, self.softness)
+
+    def _cut_coordinates(self, places: Sequence[Any], xp: Any) -> list[Any]:
+        """Places in the coordinates of the cuts."""
+        if self.plane is None:
+            return list(places)
+        frame, origin = xp.asarray(self.plane.frame[:2]), xp.asarray(self.plane.origin)
+        return [(x - origin) @ frame.T for x in places]
 
     def lattice_values_and_opacity(
         self, rows: ArrayLike, columns: ArrayLike, resolution: float
@@ -410,7 +418,7 @@ class Decoupled(AbstractField):
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
         moves = [f.lattice_values(r, c, resolution) for f in self.fields]
-        choice, opacity = self._decide(x, [np.moveaxis(d, 0, -1) for d in moves], np)
+        choice, opacity = self.choose(x, [np.moveaxis(d, 0, -1) for d in moves])
         total = np.zeros((self.dim, *choice.shape), dtype=np.float32)
         for k, d in enumerate(moves):
             total = np.where(choice == k, d, total)

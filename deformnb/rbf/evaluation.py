@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
+from deformnb._deferred import ndimage
 from deformnb._jax import as_numpy, blockwise, each, float64, jax, jit, jnp, lax, pytree
 from deformnb.native import sums
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
@@ -37,8 +38,13 @@ def is_culled(kernel: type[AbstractKernel], count: Any) -> bool:
 
 
 def is_compiled(kernel: type[AbstractKernel]) -> bool:
-    """Check that sums are computed by loops compiled ahead (:mod:`deformnb.native.sums`), of :class:`PlainLeaves`."""
+    """Check that sums are computed by loops compiled ahead (:mod:`deformnb.native.sums`), from leaves in float64."""
     return kernel.name in BUILT_IN and devices.is_host() and sums.can_sum(kernel.name)
+
+
+def leaves_type(kernel: type[AbstractKernel], dtype: Any) -> Any:
+    """The type of the :class:`Leaves` from which sums of a type are computed."""
+    return np.float64 if is_compiled(kernel) else dtype
 
 
 # Centres that arrays of sums hold at least where loops over them end at their number, so that fewer would save nothing;
@@ -107,12 +113,6 @@ class Leaves(NamedTuple):
     count: Any
     scales: Any = None
     quadratic: Any = None
-
-
-class PlainLeaves(Leaves):
-    """Those of loops compiled ahead: in float64 for any type of the sums, and without padding."""
-
-    __slots__ = ()
 
 
 Sum: TypeAlias = Callable[[tuple[Any, ...], Leaves, type[AbstractKernel]], tuple[Any, ...]]
@@ -287,7 +287,7 @@ def _evaluate_lattice(
     what: Sum,
 ) -> NDArray[Any]:
     dim, n = rows.shape
-    if isinstance(leaves, PlainLeaves):
+    if is_compiled(kernel):
         return _sum_compiled(rows, columns, leaves, kernel, dtype, what)
     if is_culled(kernel, leaves.count):
         return _culled_lattice(rows, columns, leaves, kernel, dtype, what)
@@ -305,22 +305,22 @@ def _sum_compiled(
     dtype: Any,
     what: Sum,
 ) -> NDArray[Any]:
-    centers, coefficients, linear, constant, _, scales, quadratic = leaves
+    n = int(leaves.count)
     found = sums.sum_lattice(
         rows,
         columns,
-        centers,
-        coefficients,
-        linear,
-        constant,
+        leaves.centers[:n],
+        leaves.coefficients[:n],
+        leaves.linear,
+        leaves.constant,
         kernel.name,
-        scales=scales,
-        quadratic=quadratic,
+        scales=None if leaves.scales is None else leaves.scales[:n],
+        quadratic=leaves.quadratic,
         dtype=dtype,
         is_compact=kernel.compact,
         derivatives=what is _jacobian,
     )
-    return found.reshape(-1, *found.shape[-2:]) if found.ndim > 3 else found
+    return found.reshape(np.prod(found.shape[:-2], dtype=int), *found.shape[-2:])
 
 
 def check_parts(components: Iterable[Any]) -> tuple[tuple[Any, ...], Any]:
@@ -378,7 +378,7 @@ def _evaluate_points(
     points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any, what: Sum
 ) -> NDArray[Any]:
     dim, n = points.shape
-    if isinstance(leaves, PlainLeaves):
+    if is_compiled(kernel):
         return _sum_compiled(np.zeros((dim, 1)), points, leaves, kernel, dtype, what)[:, 0]
     if is_culled(kernel, leaves.count) and n > 64:
         return _culled_points(points, leaves, kernel, dtype, what)
@@ -528,14 +528,9 @@ def local_sums(leaves: Leaves) -> NDArray[np.float64]:
     if np.prod(shape, dtype=float) > 1e6:
         return np.asarray(squares.sum(axis=0))
     flat = np.ravel_multi_index(tuple(cells.T), shape)
-    sums = np.stack([np.bincount(flat, column, int(np.prod(shape))).reshape(shape) for column in squares.T])
-    for axis in range(1, sums.ndim):  # of five cells along it
-        lines = np.moveaxis(sums, axis, 0)
-        wide = np.zeros((len(lines) + 4, *lines.shape[1:]))
-        for k in range(5):
-            wide[k : k + len(lines)] += lines
-        sums = np.moveaxis(wide, 0, axis)
-    return np.minimum(sums.reshape(len(sums), -1).max(axis=1), squares.sum(axis=0))
+    sums = [np.bincount(flat, column, int(np.prod(shape))).reshape(shape) for column in squares.T]
+    near = [5.0 ** x.shape[1] * ndimage.uniform_filter(s, 5, mode="constant").max() for s in sums]
+    return np.minimum(near, squares.sum(axis=0))
 
 
 def _evaluate_tiles(

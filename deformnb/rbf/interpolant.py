@@ -32,7 +32,6 @@ from deformnb.rbf.cross_validation import MOST_LEFT_OUT, leave_one_out, paramete
 from deformnb.rbf.evaluation import (
     CAPACITIES,
     Leaves,
-    PlainLeaves,
     RadialSum,
     capacity,
     evaluate_lattice,
@@ -43,6 +42,7 @@ from deformnb.rbf.evaluation import (
     jacobian_at_lattice,
     jacobian_at_points,
     lattice_on_device,
+    leaves_type,
     local_sums,
     pad_centers,
     profile_of,
@@ -83,8 +83,6 @@ _COMPACT_TERMS, _COMPACT_PARTIAL_SUMS = 14.0, 3.5
 # Errors of derivatives of all centres were a fifth of what this foretells of values at most, for eight kernels of 32 to
 # 600 points.
 _SLOPES = 1 / 3
-# Places are sampled where the estimate is at most this many times the allowed error, every so-manyth row and column.
-_PROBED, _SAMPLED = 16.0, 6
 # A kernel beyond its support grows by no more than this power of the distance.
 _STEEPEST_POWER = 5.0
 
@@ -327,7 +325,9 @@ class RBFInterpolant(AbstractInterpolant):
         relative, shape = self._relative(points)
         if self.is_identity:  # every studio starts with one, and nothing is compiled for it
             return np.zeros(shape)
-        return evaluate_points(relative, self._summed(dtype), self.kernel, dtype).T.reshape(shape)
+        return evaluate_points(relative, self._leaves(leaves_type(self.kernel, dtype)), self.kernel, dtype).T.reshape(
+            shape
+        )
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """dD/dx at points (..., dim): ``A/R + (2/R^2) sum_j alpha_j phi'(s_j) (x - x_j)^T`` with phi of s = rho^2.
@@ -337,7 +337,7 @@ class RBFInterpolant(AbstractInterpolant):
         relative, shape = self._relative(points)
         if self.is_identity:
             return np.zeros((*shape, self.dim))
-        d = jacobian_at_points(relative, self._summed(np.float64), self.kernel, np.float64) / self.support
+        d = jacobian_at_points(relative, self._leaves(np.float64), self.kernel, np.float64) / self.support
         return np.moveaxis(d, -1, 0).reshape(*shape, self.dim)
 
     def _relative(self, points: ArrayLike) -> tuple[NDArray[np.float64], tuple[int, ...]]:
@@ -352,7 +352,7 @@ class RBFInterpolant(AbstractInterpolant):
         if self.is_identity:
             return np.zeros((self.dim, self.dim, first.shape[1], other.shape[1]), np.float32)
         dtype = self.derivative_type(_reach(first, other))
-        d = jacobian_at_lattice(first, other, self._summed(dtype), self.kernel, dtype)
+        d = jacobian_at_lattice(first, other, self._leaves(leaves_type(self.kernel, dtype)), self.kernel, dtype)
         return np.asarray(d / self.support, dtype=np.float32)
 
     def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
@@ -360,10 +360,10 @@ class RBFInterpolant(AbstractInterpolant):
         if self.is_identity:
             return np.zeros((self.dim, first.shape[1], other.shape[1]), np.float32)
         dtype = self.type_within(_reach(first, other), resolution)
-        summed = self._summed(dtype)
-        if dtype is np.float64 and self._is_sampled_well(first, other, summed, resolution):
-            dtype = np.float32
-        return np.asarray(evaluate_lattice(first, other, summed, self.kernel, dtype), dtype=np.float32)
+        return np.asarray(
+            evaluate_lattice(first, other, self._leaves(leaves_type(self.kernel, dtype)), self.kernel, dtype),
+            dtype=np.float32,
+        )
 
     def evaluate_on_device(self, lattice: Grid | Raster) -> tuple[tuple[Any, ...], Any]:
         """Displacements on a grid or a raster in the memory of the device in use, and whether all are finite.
@@ -375,21 +375,6 @@ class RBFInterpolant(AbstractInterpolant):
         rows, columns = self._relative_lines(*lines)
         dtype = self.type_within(_reach(rows, columns), min(lattice.spacing))
         return lattice_on_device(rows, columns, self._leaves(dtype), self.kernel, dtype, lattice.shape)
-
-    def _is_sampled_well(
-        self, rows: NDArray[np.float64], columns: NDArray[np.float64], summed: Leaves, resolution: float
-    ) -> bool:
-        """Check by a sample of the places that float32 is exact enough where its estimate, for the worst, says not.
-
-        Of the many centres of compact kernels, in three kinds and six arrangements of 600 to 2048, the estimate was 3
-        to 26 times the largest error of a picture, and that of a sample a third to 1.5 times.
-        """
-        allowed = SHARES["lattice"] * min(resolution, self._largest)
-        if not (self.is_culled and isinstance(summed, PlainLeaves)) or self._local_error > _PROBED * allowed:
-            return False
-        few = rows[:, ::_SAMPLED], columns[:, ::_SAMPLED]
-        quick, exact = (evaluate_lattice(*few, summed, self.kernel, dtype) for dtype in (np.float32, np.float64))
-        return bool(np.abs(quick - exact).max(initial=0.0) <= 0.5 * allowed)
 
     def type_within(self, reach: float, resolution: float) -> Any:
         """The type that meets :meth:`bound` on pixels of this size, up to ``reach`` supports from the origin."""
@@ -411,7 +396,7 @@ class RBFInterpolant(AbstractInterpolant):
     @cached_property
     def _local_error(self) -> float:
         """Estimated error of the sum over the centres that reach a place, in float32, for a kernel of slope 1."""
-        *squares, count = local_sums(self._summed(np.float64)).tolist()
+        *squares, count = local_sums(self._leaves(np.float64)).tolist()
         return float(max(_COMPACT_TERMS, _COMPACT_PARTIAL_SUMS * count**0.5) * _ROUNDING_ERROR * max(squares) ** 0.5)
 
     def float32_error(self, reach: float = 1.0) -> float:
@@ -447,16 +432,6 @@ class RBFInterpolant(AbstractInterpolant):
         return RadialSum(
             self._leaves(dtype), np.asarray(self.origin, np.float64), np.float64(1 / self.support), self.kernel
         )
-
-    def _summed(self, dtype: Any) -> Leaves:
-        """What sums of a type are computed from at places that are given."""
-        if not is_compiled(self.kernel):
-            return self._leaves(dtype)
-        n = int(self.count)
-        scales = None if self.scales is None else np.asarray(self.scales)[:n]
-        centers, coefficients = np.asarray(self.centers)[:n], np.asarray(self.coefficients)[:n]
-        linear, constant, bent = self.polynomial
-        return PlainLeaves(centers, coefficients, linear, constant, n, scales, bent)
 
     def _leaves(self, dtype: Any) -> Leaves:
         if self.is_culled:

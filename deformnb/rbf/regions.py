@@ -23,6 +23,8 @@ from deformnb._deferred import is_jax_imported, ndimage
 from deformnb._jax import blockwise, full_precision, jax, jnp, lax, pytree, pytree_node
 from deformnb.checks import LARGEST_COORDINATE, any_array, check_fields, real_array
 from deformnb.errors import DeformError
+from deformnb.native import library
+from deformnb.native.edges import edge_distances
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 
@@ -220,6 +222,8 @@ class _Outline(AbstractRegion):
 
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
         p = np.asarray(points, dtype=np.float64)
+        if library.loops() is not None:
+            return edge_distances(self._edges(np.asarray(self.vertices), np), p.reshape(-1, 2)).reshape(p.shape[:-1])
         if p.size // 2 * len(self.vertices) > (_FEW if is_jax_imported() else _MANY):
             return np.asarray(_distance_samples(self.to_jax(), p.reshape(-1, 2).T)).reshape(p.shape[:-1])
         places, edges = p.reshape(-1, 2), self._edges(np.asarray(self.vertices), np)

@@ -22,30 +22,52 @@ are interpolated, and the voxels choose among them (:mod:`deformnb.warping.borde
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import chain
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb import devices
 from deformnb._typing import Floats, Progress
 from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import AbstractField, Identity, grid_lines, links_of
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.volume import Grid
 from deformnb.warping import border_cells, planning
 from deformnb.warping.border_cells import Regional
 from deformnb.warping.exact_places import ExactPlaces
-from deformnb.warping.node_walk import BENT, JUMPS, NARROWEST, NEAR_CUT, STEEPEST, Walk, lagrange, smoothness_of
+from deformnb.warping.node_walk import (
+    BENT,
+    JUMPS,
+    NARROWEST,
+    NEAR_CUT,
+    STEEPEST,
+    FitSums,
+    Walk,
+    lagrange,
+    smoothness_of,
+)
 
 ERROR = SHARES["nodes"]
-"""Largest error of an interpolated displacement, in the smallest side of a voxel. Where neighbouring voxels differ by
-100 grey levels, it changes the result by one at most, and by a third of one as a rule."""
+"""Largest error of an interpolated displacement of a composition, in the smallest side of a voxel. Where neighbouring
+voxels differ by 100 grey levels, it changes the result by one at most, and by a third of one as a rule."""
 
 NODE_SPACINGS = (8, 6, 4, 3, 2)
 """Distances of nodes in voxels; the one of least work is taken, of nodes and of the voxels that are evaluated one by
 one."""
+
+FIT_ERROR = 0.75 * SHARES["lattice"]
+"""Largest error of an interpolated displacement of a single fit, likewise. The rest of what a fit may miss at voxels is
+for the rounding of its sums."""
+
+# Voxels, and centres that reach a voxel, from which on nodes of a single fit take less time than sums at every voxel.
+_MANY_VOXELS, _MANY_CENTERS = 2**20, 24
+
+# Nodes of a single fit that are denser take as long as sums at every voxel.
+_FIT_SPACINGS = NODE_SPACINGS[:-1]
 
 # The one next to borders, and where a coarse lattice does not decide.
 _USUAL = 4
@@ -119,6 +141,8 @@ class NodeTable:
     grid : the voxels.
     progress : called with the finished share of the nodes.
     exactly : displacements (3, n) and opacity (n) of the field at places (3, n); made of the field if None.
+    error : the largest of a displacement, in the smallest side of a voxel.
+    spacings : of the nodes, of which the best is taken.
     """
 
     def __init__(
@@ -127,12 +151,15 @@ class NodeTable:
         grid: Grid,
         progress: Progress | None = None,
         exactly: Callable[..., tuple[Any, Any]] | None = None,
+        error: float = ERROR,
+        spacings: tuple[int, ...] = NODE_SPACINGS,
     ) -> None:
+        self._error, self._spacings = error * min(grid.spacing), (*spacings, 1)
         self._field, self._grid, self._exact = field, grid, exactly or ExactPlaces(links_of(field), grid)
         self._left: list[NDArray[np.intp]] = []
-        estimate = _Lattice(field, grid, _FIRST_SPACING).cells
-        best = 1 if estimate.has_borders else estimate.best_spacing(_EVERY, (*NODE_SPACINGS, 1))
-        self._whole = _Lattice(field, grid, best if best > 1 else _USUAL, progress)
+        estimate = _Lattice(field, grid, _FIRST_SPACING, self._error).cells
+        best = 1 if estimate.has_borders else estimate.best_spacing(_EVERY, self._spacings)
+        self._whole = _Lattice(field, grid, best if best > 1 else _USUAL, self._error, progress)
 
     def block(self, block: tuple[slice, slice]) -> Displacements | None:
         """Displacements in planes and rows of the grid.
@@ -141,7 +168,7 @@ class NodeTable:
         its own. None where the field bends so much that it is to be evaluated at every voxel of the block.
         """
         cells = (self._whole.cells.of(block[0]), self._whole.cells.of(block[1]))
-        spacing = self._whole.cells.best_spacing(cells, (*NODE_SPACINGS, 1))
+        spacing = self._whole.cells.best_spacing(cells, self._spacings)
         start = np.array([block[0].start, block[1].start, 0])
         stop = np.minimum([block[0].stop, block[1].stop, self._grid.shape[2]], self._grid.shape)
         if spacing == self._whole.spacing:
@@ -151,7 +178,7 @@ class NodeTable:
             )
         if spacing > 1:
             grid = planning.lattice(self._grid, block, 1)
-            lattice = _Lattice(self._field, grid, spacing)
+            lattice = _Lattice(self._field, grid, spacing, self._error)
             if lattice.cells.best_spacing(_EVERY, (spacing, 1)) == spacing:
                 own = (slice(0, grid.shape[0]), slice(0, grid.shape[1]))
                 return self._read(
@@ -211,7 +238,7 @@ class NodeTable:
             some = known[k : k + border_cells.MOST_CELLS]
             places = self._grid.index_to_point((spacing * some + corner)[:, ::-1]).T
             *d, opacity, doubt = border_cells.choose(
-                way, nodes, some - first, places, self._grid, spacing, STEEPEST * ERROR * min(self._grid.spacing)
+                way, nodes, some - first, places, self._grid, spacing, STEEPEST * self._error
             )
             index = np.empty((3, *doubt.shape), np.int32)
             offsets = np.indices((spacing,) * 3).reshape(3, -1, 1)
@@ -342,13 +369,16 @@ class _Lattice:
     cells : estimates of the errors between them.
     """
 
-    def __init__(self, field: AbstractField, grid: Grid, spacing: int, progress: Progress | None = None) -> None:
+    def __init__(
+        self, field: AbstractField, grid: Grid, spacing: int, error: float, progress: Progress | None = None
+    ) -> None:
         self._field, self._grid, self.spacing = field, grid, spacing
+        # What is left of the error that a sum may have on a lattice, where that is smaller than this one.
+        self._sums = FitSums(min(grid.spacing) * abs(1 - error / SHARES["lattice"]))
         smoothness = smoothness_of(field)
         assert smoothness is not None
         self._factor = JUMPS[smoothness]
-        self._types: dict[Any, Any] = {}
-        self.cells = _Cells(tuple(-(-n // spacing) for n in grid.shape), spacing, ERROR * min(grid.spacing))
+        self.cells = _Cells(tuple(-(-n // spacing) for n in grid.shape), spacing, error)
         shape = tuple(n + 1 + 2 * _HALO for n in self.cells.bounds.shape)
         values, walk = np.empty((3, *shape), np.float32), self._walk(shape)
         most = max(_LEAST_PLANES, _NODES_TOGETHER // (shape[1] * shape[2]))
@@ -382,18 +412,20 @@ class _Lattice:
 
     def _places(self, first: Any, shape: Any) -> Floats:
         """Places (3, z, y, x) of nodes, the first of them two before the first voxel of a cell."""
+        z, y, x = self._lines(first, shape)
+        return (z[:, :, None, None] + y[:, None, :, None]) + x[:, None, None, :]
+
+    def _lines(self, first: Any, shape: Any) -> list[Floats]:
+        """Places along z, y, x, (3, n) each, to be added."""
         z, y, x = (
             self._grid.matrix[:, [2 - axis]] * (self.spacing * (start + np.arange(n) - float(_HALO)))
             for axis, (start, n) in enumerate(zip(first, shape, strict=True))
         )
-        places = (z[:, :, None, None] + y[:, None, :, None]) + x[:, None, None, :]
-        places += np.asarray(self._grid.origin)[:, None, None, None]
-        return places
+        return [z + np.asarray(self._grid.origin)[:, None], y, x]
 
     def _walk(self, shape: Any) -> Walk:
         return Walk(
-            min(self._grid.spacing),
-            self._types,
+            self._sums,
             np.zeros(shape, np.uint8),
             np.zeros(shape, np.float32),
             np.zeros(shape, np.int32),
@@ -410,6 +442,8 @@ class _Lattice:
         """The nodes of some planes, and one more, for the cells between this slab and the next one."""
         shape = (min(slab.stop + 1, values.shape[1]) - slab.start, *values.shape[2:])
         places, walk = self._places((slab.start, 0, 0), shape), self._walk(shape)
+        z, y, x = self._lines((slab.start, 0, 0), shape)
+        walk = replace(walk, lattice=(places, (z[:, :, None] + y[:, None, :]).reshape(3, -1), x))
         d = walk.displacements(self._field, places)
         planes = slice(0, slab.stop - slab.start)
         values[:, slab] = np.broadcast_to(d, places.shape)[:, planes]
@@ -464,7 +498,6 @@ def _reduce_cells(values: NDArray[Any], count: int, joined: np.ufunc) -> NDArray
     return values
 
 
-@lru_cache(maxsize=32)
 class ComposedEvaluator:
     """The steps of a composition, made ready for one output grid.
 
@@ -482,7 +515,9 @@ class ComposedEvaluator:
         start = 0 if links[0].has_cuts else 1
         self._first, self._rest = links[0] if start else None, links[start:]
         is_long = bool(self._rest) or len(field.steps) > 1
-        self._is_known = is_long and smoothness_of(field) is not None
+        self._error = ERROR if is_long else FIT_ERROR
+        self._spacings = NODE_SPACINGS if is_long else _FIT_SPACINGS
+        self._is_known = (is_long or _has_many_terms(field, grid)) and smoothness_of(field) is not None
         self._nodes: NodeTable | None = None
 
     @property
@@ -498,7 +533,7 @@ class ComposedEvaluator:
         progress : called with the finished share.
         """
         if self._is_known and not self._exact_field.is_on_gpu:
-            self._nodes = NodeTable(self._field, self._grid, progress)
+            self._nodes = NodeTable(self._field, self._grid, progress, error=self._error, spacings=self._spacings)
 
     def block(self, block: tuple[slice, slice]) -> Displacements:
         """Displacements in a block of planes and rows, one of :func:`~deformnb.warping.planning.square_blocks`."""
@@ -506,6 +541,8 @@ class ComposedEvaluator:
         if found is not None:
             return found
         lattice = planning.lattice(self._grid, block, 1)
+        if self._first is not None and not self._rest:
+            return Displacements(planning.displacements(self._first, lattice))
         if not self._exact_field.is_on_gpu:
             return self._evaluate_all(lattice)
         d, opacity = self._exact_field.evaluate_on_gpu(lattice)
@@ -536,6 +573,14 @@ class ComposedEvaluator:
             tuple(part.reshape(shape) for part in (d + more).astype(np.float32)),
             opacity=opacity.reshape(shape) if self.has_cuts else None,
         )
+
+
+def _has_many_terms(field: AbstractField, grid: Grid) -> bool:
+    """Check for a fit that nodes evaluate in less time than voxels; a GPU evaluates all voxels."""
+    if not isinstance(field, RBFInterpolant) or grid.size < _MANY_VOXELS or not devices.is_host():
+        return False
+    ball = 4 / 3 * np.pi * float(field.support) ** 3 / (grid.size * float(np.prod(grid.spacing)))
+    return int(field.count) * (min(1.0, ball) if field.kernel.compact else 1.0) >= _MANY_CENTERS
 
 
 def _as_parts(d: Any) -> list[Any]:

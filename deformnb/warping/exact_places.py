@@ -1,8 +1,8 @@
-"""Displacements of a field in space at listed places, each deformation by one compiled function.
+"""Displacements of a field in space at listed places, in the precision that the size of a voxel requires.
 
-A composition is evaluated link by link, each at the places to which the one after it leads: extrusions, fits, stages
-and cuts by a function that is compiled for their kind and not for each number of places, points or edges, in the
-precision that the size of a voxel requires; fields of other kinds by themselves.
+A composition is evaluated link by link, each at the places to which the one after it leads. On a GPU extrusions, fits,
+stages and cuts are evaluated on a lattice by a function that is compiled for their kind and not for each number of
+places, points or edges.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import as_numpy, blockwise, float64, jax, jit, jnp, lax, pytree
+from deformnb._jax import as_numpy, float64, jax, jit, jnp, lax, pytree
 from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, SideChoice
@@ -27,6 +27,7 @@ from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.slits import TipBlend, blend_displacements
 from deformnb.rbf.stages import Staged
 from deformnb.volume.volume import Grid
+from deformnb.warping.node_walk import FitSums, rotate
 from deformnb.warping.planning import NOT_FINITE
 
 Components = Sequence[Any]
@@ -136,15 +137,6 @@ def _displacement_and_opacity(form: Any, x: Components) -> tuple[list[Any], Any]
     return form.displacement_and_opacity(x) if isinstance(form, _Cut) else (form(x), None)
 
 
-def _evaluate_places(form: Any, places: Any) -> tuple[Any, Any]:
-    """:func:`_displacement_and_opacity` at places (3, n): displacements (3, n), and the opacity (n) with cuts."""
-    d, opacity = _displacement_and_opacity(form, list(places))
-    return jnp.stack(d), opacity
-
-
-_evaluate = blockwise(_evaluate_places)
-
-
 def _lattice_displacements(
     forms: Sequence[Any], rows: Any, columns: Any, *, shape: tuple[int, ...]
 ) -> tuple[Any, Any, Any]:
@@ -172,17 +164,18 @@ class ExactPlaces:
 
     def __init__(self, links: Sequence[AbstractField], grid: Grid) -> None:
         self._moving, self._grid = [link for link in links if not link.is_identity], grid
+        self._sums = FitSums(min(grid.spacing))
 
     @cached_property
-    def _links(self) -> list[tuple[AbstractField, Any]]:
+    def _forms(self) -> list[Any]:
         forms = [_form(link, self._grid.corners(), min(self._grid.spacing)) for link in self._moving]
         with float64():  # on JAX's side once, and not again at every call
-            return [*zip(self._moving, jax.device_put(forms), strict=True)]
+            return list(jax.device_put(forms))
 
     @property
     def is_on_gpu(self) -> bool:
         """Check for a GPU that evaluates all of the deformations."""
-        return not devices.is_host() and all(form is not None for _, form in self._links)
+        return not devices.is_host() and all(form is not None for form in self._forms)
 
     def evaluate_on_gpu(self, lattice: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None]:
         """Displacements (nz, ny, nx) along x, y, z on a lattice, in the memory of the GPU, and the opacity with cuts.
@@ -193,9 +186,7 @@ class ExactPlaces:
             If they are not finite.
         """
         with float64():
-            d, opacity, is_finite = _evaluate_on_lattice(
-                [form for _, form in self._links], *grid_lines(lattice), shape=lattice.shape
-            )
+            d, opacity, is_finite = _evaluate_on_lattice(self._forms, *grid_lines(lattice), shape=lattice.shape)
             if not is_finite:
                 raise DeformError(NOT_FINITE)
             return d, None if opacity is None else as_numpy(opacity)
@@ -203,16 +194,39 @@ class ExactPlaces:
     def __call__(self, places: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Displacements (3, n) and opacity (n) at places (3, n)."""
         ends, shown = places, np.ones(places.shape[1], np.float32)
-        for link, form in self._links:
-            d, opacity = _evaluate_field(link, ends) if form is None else _evaluate(form, ends)
+        for link in self._moving:
+            d, opacity = self._evaluate(link, ends)
             ends = ends + d
             shown = shown if opacity is None else (shown * opacity).astype(np.float32)
         return (ends - places).astype(np.float32), shown
 
-
-def _evaluate_field(field: AbstractField, places: Floats) -> tuple[Floats, Floats]:
-    d, opacity = field.displacement_and_opacity(places.T)
-    return d.T, opacity
+    def _evaluate(self, field: AbstractField, x: Floats) -> tuple[Floats, Floats | None]:
+        """Displacements (dim, n) of a field at places (dim, n), and the opacity (n) with cuts."""
+        match field:
+            case RBFInterpolant():
+                return self._sums(field, x), None
+            case Staged():
+                ends = x
+                for fit in field.fits[::-1]:
+                    ends = ends + self._evaluate(fit, ends)[0]
+                return ends - x, None
+            case TipBlend():
+                moves = [self._evaluate(fit, x)[0] for fit in field.fits]
+                source = (x + moves[0]).T
+                return np.asarray(blend_displacements(moves, [line.opening(source) for line in field.lines])), None
+            case Extrusion() if not any(m.has_cuts for m in field.maps):
+                frame = field.plane.frame
+                abc = rotate(frame, x - np.reshape(field.plane.origin, (3, 1)))
+                weights = field.weights_at(abc[2, :1] if field.is_replication else abc[2])
+                total = sum(w * self._evaluate(m, abc[:2])[0] for m, w in zip(field.maps, weights, strict=True))
+                return rotate(frame[:2].T, np.asarray(total)), None
+            case Decoupled() if not any(part.has_cuts for part in field.fields):
+                moves = [self._evaluate(part, x)[0] for part in field.fields]
+                choice, opacity = field.choose(x.T, [d.T for d in moves])
+                return np.select([choice == k for k in range(len(moves))], moves), opacity
+            case _:
+                d, opacity = field.displacement_and_opacity(x.T)
+                return d.T, opacity if field.has_cuts else None
 
 
 def _form(field: AbstractField, corners: Floats, resolution: float) -> Any | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as member
 from itertools import pairwise
 from typing import Any
 
@@ -15,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import blockwise, jnp
 from deformnb._typing import Floats
 from deformnb.rbf.cuts import Decoupled, Sides
+from deformnb.rbf.evaluation import evaluate_points, leaves_type
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity
 from deformnb.rbf.forward import ForwardFit
-from deformnb.rbf.interpolant import RBFInterpolant, group_by_shape, pull_back
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidInterpolant, drift_and_weight
 from deformnb.rbf.slits import TipBlend, blend_displacements
@@ -95,6 +96,43 @@ def lagrange(t: Any) -> tuple[Any, ...]:
     )
 
 
+# Places whose sums over centres are computed at a time: they stay in the cache.
+_PLACES = 2**14
+
+
+@dataclass
+class FitSums:
+    """Sums over the centres of fits, in the types that are exact enough.
+
+    Parameters
+    ----------
+    resolution : the side of a voxel; an error far below it is negligible.
+    """
+
+    resolution: float
+    _types: dict[tuple[int, int], Any] = member(default_factory=dict)
+
+    def __call__(self, fit: RBFInterpolant, places: Floats) -> Floats:
+        """Displacements (dim, n) of a fit at places (dim, n)."""
+        if fit.is_identity:
+            return np.zeros_like(places)
+        dtype = self._type_at(fit, places)
+        own = fit.radial_sum(leaves_type(fit.kernel, dtype))
+        origin, out = own.origin[:, None], np.empty_like(places)
+        for start in range(0, places.shape[1], _PLACES):
+            some = slice(start, start + _PLACES)
+            out[:, some] = evaluate_points((places[:, some] - origin) * own.scale, own.leaves, fit.kernel, dtype)
+        return out
+
+    def _type_at(self, fit: RBFInterpolant, places: Floats) -> Any:
+        low, high = places.min(axis=1, initial=np.inf), places.max(axis=1, initial=-np.inf)
+        reach = float(np.linalg.norm(np.maximum(high - fit.origin, fit.origin - low)) / fit.support)
+        key = id(fit), int(np.ceil(np.log2(max(reach, 1.0))))
+        if key not in self._types:
+            self._types[key] = fit.type_within(2.0 ** key[1], self.resolution)
+        return self._types[key]
+
+
 @dataclass(frozen=True)
 class Walk:
     """The path of nodes through a composition: their displacements, and which are near something that is not smooth.
@@ -103,21 +141,21 @@ class Walk:
 
     Parameters
     ----------
-    resolution : the side of a voxel; errors far below it are negligible.
-    types : of numbers by fit and reach, cached from one walk to the next.
+    sums : of fits.
     marks : (z, y, x) of the lattice, sums of :data:`NEAR_CUT` and :data:`BENT`, set by the walk.
     error : (z, y, x), grows by that of the interpolation of curves of modulation there.
     regions : (z, y, x), becomes a number for the regions at cuts that a node passes.
     widths : (z,), become the diagonals of cells where fits are evaluated, as shares of their supports: the largest, or
         a bound of it where that is narrow enough.
+    lattice : the places of a regular lattice (dim, z, y, x), which are rows (dim, R) plus columns (dim, C), and these.
     """
 
-    resolution: float
-    types: dict[Any, Any]
+    sums: FitSums
     marks: NDArray[np.uint8]
     error: NDArray[np.float32]
     regions: NDArray[np.int32]
     widths: NDArray[np.float32]
+    lattice: tuple[Floats, Floats, Floats] | None = None
 
     def displacements(self, field: AbstractField, x: Floats) -> Floats:
         """Displacements of places, which are those of the nodes at some stage."""
@@ -150,20 +188,28 @@ class Walk:
         return x
 
     def _fits(self, fits: Sequence[RBFInterpolant], x: Floats) -> Floats:
-        for group in group_by_shape(fits):
-            ends, spreads = pull_back(group, x.reshape(len(x), -1), self.resolution, self.types)
+        """The places to which fits lead, one after the other."""
+        moving = [fit for fit in fits if not fit.is_identity]
+        side, moved = _diagonal(x) if moving else 0.0, np.zeros_like(x)
+        for fit in moving:
+            scale = _largest_scale(fit) / fit.support
             # What displacements differ by anywhere bounds what they add to a cell; seldom more has to be tested.
-            widths = [
-                (_diagonal(x) + float(np.linalg.norm(spread))) * _largest_scale(fit) / fit.support
-                for fit, spread in zip(group, spreads, strict=True)
-            ]
-            if len(group) > 1 and NARROWEST * max(widths) > 1:
-                for fit in group:
-                    x = self._fits((fit,), x)
-                continue
-            np.maximum(self.widths, max(widths), out=self.widths)
-            x = ends.reshape(x.shape)
+            spread = float(np.linalg.norm(np.ptp(moved.reshape(len(x), -1), axis=1))) if fit is not moving[0] else 0.0
+            width = (side + spread) * scale
+            if spread and NARROWEST * width > 1:
+                width = _diagonal(x) * scale
+            np.maximum(self.widths, width, out=self.widths)
+            d = self._sum(fit, x)
+            moved += d
+            x = x + d
         return x
+
+    def _sum(self, fit: RBFInterpolant, x: Floats) -> Floats:
+        """The displacements of a fit at places, in the type that is exact enough."""
+        if self.lattice is not None and x is self.lattice[0]:
+            d = fit.lattice_values(*self.lattice[1:], self.sums.resolution)
+            return d.reshape(x.shape).astype(np.float64)
+        return self.sums(fit, x.reshape(len(x), -1)).reshape(x.shape)
 
     def _walk_forward_fit(self, field: ForwardFit, x: Floats) -> Floats:
         """The inverse jumps where a place has no source, and bends as the fit does in the input."""
@@ -176,7 +222,7 @@ class Walk:
         return d
 
     def _walk_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
-        back = [_rotate(np.asarray(m), x) + _column(t) for m, t in zip(field.matrices, field.shifts, strict=True)]
+        back = [rotate(np.asarray(m), x) + _column(t) for m, t in zip(field.matrices, field.shifts, strict=True)]
         distances = [_distances([region], y)[0] for region, y in zip(field.regions, back, strict=True)]
         for region, y, distance in zip(field.regions, back, distances, strict=True):
             self._mark(np.abs(distance) <= _change(y, [region]), BENT)
@@ -186,7 +232,7 @@ class Walk:
         return np.moveaxis(moved, -1, 0) + weight * self.displacements(field.base, x)
 
     def _walk_extrusion(self, field: Extrusion, x: Floats) -> Floats:
-        abc = _rotate(field.plane.frame, x - _column(field.plane.origin))
+        abc = rotate(field.plane.frame, x - _column(field.plane.origin))
         ab, depth = self._walk_unique(abc[:2]), self._walk_unique(abc[2:])[0]
         moves = [self.displacements(m, ab) for m in field.maps]
         if not field.is_replication:
@@ -194,14 +240,14 @@ class Walk:
             for error, d in zip(errors, moves, strict=True):
                 self.error[...] += error.reshape(depth.shape) * np.linalg.norm(d, axis=0)
         weights = field.weights_at(depth[:1, :1, :1] if field.is_replication else depth)
-        return _rotate(field.plane.frame[:2].T, sum(w * d for w, d in zip(weights, moves, strict=True)))
+        return rotate(field.plane.frame[:2].T, sum(w * d for w, d in zip(weights, moves, strict=True)))
 
     def _walk_unique(self, places: Floats) -> Floats:
         """Places, one for all along an axis on which they do not change."""
         for axis in (1, 2, 3):
             first = places.take([0], axis)
             ends = places.take([-1], axis)  # which differ as a rule where anything does
-            if all(np.abs(some - first).max(initial=0.0) <= _SAME * self.resolution for some in (ends, places)):
+            if all(np.abs(some - first).max(initial=0.0) <= _SAME * self.sums.resolution for some in (ends, places)):
                 places = first
         return places
 
@@ -231,13 +277,18 @@ class Walk:
 
     def _restrict(self, box: tuple[slice, ...]) -> Walk:
         return replace(
-            self, marks=self.marks[box], error=self.error[box], regions=self.regions[box], widths=self.widths[box[0]]
+            self,
+            marks=self.marks[box],
+            error=self.error[box],
+            regions=self.regions[box],
+            widths=self.widths[box[0]],
+            lattice=None,
         )
 
     def distances(self, field: Decoupled, places: Floats) -> Floats:
         """Signed distances (cuts, z, y, x) of places to the cuts of a field."""
         if field.plane is not None:
-            places = _rotate(field.plane.frame[:2], places - _column(field.plane.origin))
+            places = rotate(field.plane.frame[:2], places - _column(field.plane.origin))
         return _distances(field.regions, self._walk_unique(places))
 
     def _mark(self, some: NDArray[np.bool_], mark: int) -> None:
@@ -268,8 +319,8 @@ def _column(values: Any) -> Floats:
     return np.asarray(values, dtype=np.float64).reshape(-1, 1, 1, 1)
 
 
-def _rotate(matrix: Floats, places: Floats) -> Floats:
-    """Vectors (dim, z, y, x) by a matrix, in products and sums: BLAS would wait for its threads."""
+def rotate(matrix: Floats, places: Floats) -> Floats:
+    """Vectors (dim, ...) by a matrix, in products and sums: BLAS would wait for its threads."""
     out = np.empty((len(matrix), *places.shape[1:]))
     for turned, row in zip(out, matrix.tolist(), strict=True):
         turned[...] = sum(part if m == 1 else m * part for m, part in zip(row, places, strict=True) if m)
@@ -300,11 +351,8 @@ def _largest_scale(fit: RBFInterpolant) -> float:
 
 def _distances(regions: Sequence[AbstractRegion], places: Floats) -> Floats:
     """Signed distances (regions, z, y, x) of places to regions of their dimension."""
-    few = tuple(region.to_jax() for region in regions)
-    return np.asarray(_measured(few, places.reshape(len(places), -1))).reshape(len(regions), *places.shape[1:])
-
-
-_measured = blockwise(lambda regions, places: jnp.stack([region(places.T) for region in regions]))
+    last = np.moveaxis(places, 0, -1)
+    return np.stack([region.signed_distance(last) for region in regions])
 
 
 def _curve_errors(field: Extrusion, depth: Floats, side: float) -> Floats:

@@ -129,7 +129,8 @@ def warp(
     fill : value of places more than half a voxel outside the volume; default is the volume's background.
     method : a name of :data:`METHODS`: "nearest", "linear" or "cubic" (B-spline, mirrored at the
         edges). Default is linear, and nearest for labels and bool.
-    step : 1 evaluates the field at every voxel. h > 1 evaluates it at every h-th voxel along each axis and interpolates
+    step : 1 evaluates the field at every voxel; a single fit of many points is interpolated where it is smooth, at most
+        a thousandth of a voxel from that. h > 1 evaluates it at every h-th voxel along each axis and interpolates
         linearly; the error of the displacement is at most ``h^2/8 (|D_xx| + |D_yy| + |D_zz|)``, derivatives by voxel.
         Extruded fields along an axis of the grid are exact and fast at any step, and with cuts every voxel counts.
         Compositions and stages are interpolated where they are smooth, at most a hundredth of a voxel

@@ -31,7 +31,9 @@ def test_the_best_level_is_used_unless_another_is_chosen(monkeypatch: pytest.Mon
 
 
 @pytest.mark.skipif(not SOURCES.exists(), reason="an installed package has no sources of the loops")
-@pytest.mark.parametrize("name", ["Source", "Target", "Field", "PlaneField", "VoxelList", "LatticeSum", "Loops"])
+@pytest.mark.parametrize(
+    "name", ["Source", "Target", "Field", "PlaneField", "VoxelList", "LatticeSum", "EdgeDistances", "Loops"]
+)
 def test_structures_have_the_fields_of_the_header_in_order(name: str) -> None:
     text = re.sub(r"/\*.*?\*/", "", (SOURCES / "loops.h").read_text(encoding="utf-8"), flags=re.DOTALL)
     found = re.search(r"typedef struct \{([^}]*)\} " + name + ";", text)

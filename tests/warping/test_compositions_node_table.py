@@ -11,13 +11,15 @@ from voxelwise import chain_at_voxels, values_at_voxels
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import Cut
+from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import Blended, DisplacementField, Identity, compose, links_of
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
-from deformnb.warping.compositions import ERROR, NodeTable
+from deformnb.warping.compositions import ERROR, ComposedEvaluator, NodeTable
 from deformnb.warping.exact_places import ExactPlaces
 from deformnb.warping.node_walk import smoothness_of
 
@@ -195,3 +197,27 @@ def test_fields_of_unknown_smoothness_are_evaluated_at_every_voxel() -> None:
     d, _ = chain_at_voxels(field, GRID)
     wanted = field.displacement(voxel_centres())
     assert np.abs(np.moveaxis(d, 0, -1) - wanted).max() < 1e-4
+
+
+@pytest.mark.parametrize("kernel", ["wendland_c2", "gaussian", "thin_plate"])
+def test_a_fit_of_many_points_is_read_from_nodes_to_a_thousandth_of_a_voxel(kernel: str) -> None:
+    grid = Grid((96, 104, 110), (1.0, 1.25, 0.8), (100.0, -40.0, 7.0))
+    rng = np.random.default_rng(3)
+    target = np.array(grid.center) + 40 * rng.uniform(-1, 1, (40, 3))
+    dragged = ControlPoints.from_arrays(target + rng.normal(size=(40, 3)), target)
+    field = Step((dragged,), kernel=kernel, support=150.0).field(grid)
+    chain = ComposedEvaluator(field, grid)
+    assert not chain.is_single
+    block = slice(30, 60), slice(20, 70)
+    chain.prepare()
+    d, opacity = values_at_voxels(chain.block(block), chain, block, grid)
+    assert opacity is None
+    error = np.linalg.norm(np.moveaxis(d, 0, -1) - field.displacement(voxel_centres(grid)[block]), axis=-1)
+    assert 0 < error.max() <= SHARES["lattice"] * min(grid.spacing)
+
+
+def test_a_fit_that_reaches_few_voxels_is_summed_at_every_voxel() -> None:
+    grid = Grid((104, 104, 104))
+    field = fit_rbf(points(3, 1, np.array(grid.center), 12.0, 1.0), support=20.0)
+    assert ComposedEvaluator(field, grid).is_single
+    assert ComposedEvaluator(space_step(0).field(GRID), GRID).is_single
