@@ -16,13 +16,15 @@ from scipy import ndimage
 from scipy.interpolate import RBFInterpolator
 
 from benchmarks import c_loops, peers, problem
+from benchmarks.goals import GENERAL, ROWS
 from benchmarks.timing import Case, Group
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import Cut, sides_of
+from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line
 from deformnb.rbf.rigid import RigidPart
-from deformnb.volume.plane import Plane
+from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
 
@@ -43,20 +45,18 @@ def groups(options: Namespace) -> Iterator[Group]:
     loop = _loop(volume, solid)
     yield _near_cut(volume, on_picture, loop, options)
     ground = RigidPart(HalfSpace((0.0, 1.02 * options.size), (0.0, -1.0)))
-    yield _plain_edit(volume, "E2: rigid part on the picture", Step((flat,), plane, parts=(ground,)), loop)
+    yield _plain_edit(volume, "rigid part on a picture", Step((flat,), plane, parts=(ground,)), loop)
     below = RigidPart(HalfSpace((0.0, 0.0, -0.02 * options.size), (0.0, 0.0, 1.0)))
-    yield _plain_edit(volume, "E2: rigid part in space", Step((solid,), parts=(below,)), loop)
+    yield _plain_edit(volume, "rigid part in space", Step((solid,), parts=(below,)), loop)
     yield _replicated(volume, Step((flat,), plane), loop, options)
     yield _space_edits(volume, Step((solid,), kernel="thin_plate"), loop, options)
     yield _composition(volume, flat, solid, plane, cut, loop)
 
 
 def _loop(volume: Volume, solid: ControlPoints) -> list[Case]:
-    """The general warp in C, its field given: the reference of every kind of edit."""
-    if c_loops.why_absent():
-        return []
-    field = Step((solid,)).field(volume.grid).sample_on_grid(volume.grid)
-    return [Case("C loop", c_loops.general(volume.values, field, FILL))]
+    """The general warp in C, its field given, by which the goals of edits are measured."""
+    given = volume.values, list(Step((solid,)).field(volume.grid).components_on_grid(volume.grid)), FILL
+    return list(c_loops.cases(volume.dtype.name, lambda loops: c_loops.general(loops, *given), name=GENERAL))
 
 
 def _edits(volume: Volume, edited: Step, **options: Any) -> Callable[[], NDArray[Any]]:
@@ -79,10 +79,26 @@ def _preview(volume: Volume, edited: Step, **options: Any) -> Case:
 
 
 def _replicated(volume: Volume, step: Step, loop: list[Case], options: Namespace) -> Group:
-    cases = [Case("deformnb", _edits(volume, step), ours=True), *loop]
+    cases = [Case("deformnb", _edits(volume, step), ours=True, row="edit on a picture")]
+    cases += c_loops.cases(volume.dtype.name, lambda loops: _edit_in_c(loops, volume, step))
+    cases += loop
     if not options.loops:
         cases.append(Case("scipy RBFInterpolator and map_coordinates", _scipy_picture(volume, step)))
     return Group(f"E3: points on a picture, replicated, {volume.dtype}", cases, 0, "grey levels")
+
+
+def _edit_in_c(loops: c_loops.Loops, volume: Volume, step: Step) -> c_loops.Run:
+    """A map evaluated from coefficients that are solved, and a warp of a volume with the axis of replication last."""
+    fit, raster = fit_rbf(step.points), Raster(volume.shape[1:], (1.0, 1.0), (0.0, 0.0))
+    evaluate = c_loops.sums(loops, fit, raster)
+    across, down = evaluate()  # which the warp reads: it is the same memory at every call
+    warp = c_loops.rows(loops, volume.values, down, across, FILL, 0)
+
+    def edit() -> NDArray[Any]:
+        evaluate()
+        return warp()
+
+    return edit
 
 
 def _scipy_picture(volume: Volume, step: Step) -> Callable[[], NDArray[Any]]:
@@ -108,10 +124,18 @@ def _composition(
     chains = {
         "two planes": (first, then),
         "two planes, one with a cut": (replace(first, cuts=(cut,)), then),
-        "16 stages in space": (Step((solid,), stages=16),),
-        "one fit in space": (Step((solid,)),),
+        "16 stages": (Step((solid,), stages=16),),
+        "edit in space, every voxel": (Step((solid,)),),
     }
-    cases = [Case(f"deformnb, {name}", _edits_of_steps(volume, steps), ours=True) for name, steps in chains.items()]
+    cases = [
+        Case(
+            f"deformnb, {name}",
+            _edits_of_steps(volume, steps),
+            ours=True,
+            row=name if name in ROWS else "",
+        )
+        for name, steps in chains.items()
+    ]
     return Group(f"E4: composed, {volume.dtype}", cases + loop, 0, "grey levels")
 
 
@@ -130,11 +154,16 @@ def _plain_edit(volume: Volume, name: str, step: Step, loop: list[Case]) -> Grou
     coarse = {} if step.plane is not None else {"step": STEP}
     free = replace(step, parts=())
     cases = [
-        Case("deformnb", _edits(volume, step, **coarse), ours=True),
+        Case("deformnb", _edits(volume, step, **coarse), ours=True, row=f"edit near a {name}"),
         _preview(volume, step, **coarse),
-        Case("deformnb, without the part", _edits(volume, free, **coarse), ours=True),
+        Case(
+            "deformnb, without the part",
+            _edits(volume, free, **coarse),
+            ours=True,
+            row=f"edit in space, a node every {STEP} voxels" if coarse else "",
+        ),
     ]
-    return Group(f"{name}, {volume.dtype}", cases + loop, 0, "grey levels")
+    return Group(f"E2: {name}, {volume.dtype}", cases + loop, 0, "grey levels")
 
 
 def _near_cut(volume: Volume, step: Step, loop: list[Case], options: Namespace) -> Group:
@@ -148,12 +177,13 @@ def _near_cut(volume: Volume, step: Step, loop: list[Case], options: Namespace) 
         return np.where(clear, result - truth, 0)[:, 8:-8, 8:-8]  # at the rim each library has its own rule
 
     cases = [
-        Case("deformnb", _edits(volume, step), error, ours=True),
+        Case("deformnb", _edits(volume, step), error, ours=True, row="edit near a cut"),
         _preview(volume, step),
         Case(
             "deformnb, modulated by sin(pi z)",
             _edits(volume, replace(step, extrusion="modulate", curve="sin(pi*z)")),
             ours=True,
+            row="edit near a modulated cut",
         ),
         *loop,
     ]
@@ -196,7 +226,12 @@ def _space_edits(volume: Volume, step: Step, loop: list[Case], options: Namespac
         return (result - truth)[rim, rim, rim]
 
     cases = [
-        Case(f"deformnb, a node every {STEP} voxels", _edits(volume, step, step=STEP), error, ours=True),
+        Case(
+            f"deformnb, a node every {STEP} voxels",
+            _edits(volume, step, step=STEP),
+            error,
+            ours=True,
+        ),
         _preview(volume, step, step=STEP),
         Case("deformnb, every voxel", _edits(volume, step), ours=True),
         *loop,

@@ -7,6 +7,7 @@ import itertools
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
 from benchmarks import c_loops, problem
+from benchmarks.goals import GENERAL
 from benchmarks.timing import Case, Group
 from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.fitting import fit_rbf
@@ -46,7 +48,16 @@ def _move_points(points: ControlPoints, which: Any) -> Callable[[], ControlPoint
     return itertools.cycle(sets).__next__
 
 
-_EVENTS = 10  # of a drag of one point, a sixth of a second of it
+_EVENTS = 10  # of a drag of one point, a sixth of a second of it: the first one finds what the others use again
+
+
+@cache
+def general_warp(size: int, points: int) -> tuple[Case, ...]:
+    """The general warp in C, its field given, by which the goals of fits are measured."""
+    volume = problem.volume(size, "uint8")
+    fit = fit_rbf(problem.control_points(points, 3, size), support=problem.SUPPORT * (size - 1))
+    given = volume.values, list(fit.components_on_grid(volume.grid)), 0.0
+    return tuple(c_loops.cases("uint8", lambda loops: c_loops.general(loops, *given), name=GENERAL))
 
 
 def _many(count: int, support: float, raster: Raster, options: Namespace) -> Group:
@@ -62,35 +73,42 @@ def _many(count: int, support: float, raster: Raster, options: Namespace) -> Gro
     def solve(moved: Callable[[], ControlPoints], **settings: Any) -> Any:
         return fit_rbf(moved(), support=support, **settings)
 
+    def drag(then: Callable[[Any], Any] = lambda fit: fit, **settings: Any) -> Any:
+        """The last of several events."""
+        return [then(solve(one, **settings)) for _ in range(_EVENTS)][-1]
+
+    def ours(name: str, run: Callable[[], Any], row: str, **settings: Any) -> Case:
+        return Case(f"deformnb: {name}", run, ours=True, row=row, **settings)
+
     cases = [
-        Case("deformnb: evaluate", lambda: fit.sample_on_raster(raster), error, ours=True),
-        Case("deformnb: solve", lambda: solve(every), ours=True),
-        Case("deformnb: solve and evaluate", lambda: solve(every).sample_on_raster(raster), error, ours=True),
-        Case(f"deformnb: drag of one point, {_EVENTS} events", lambda: _events(lambda: solve(one)), ours=True),
-        Case("deformnb: drag of one point and evaluate", lambda: solve(one).sample_on_raster(raster), error, ours=True),
+        ours("evaluate", lambda: fit.sample_on_raster(raster), "", error=error),
+        ours("solve", lambda: solve(every), "solve 512 points" if count == 512 else ""),
+        ours(
+            "solve and evaluate",
+            lambda: solve(every).sample_on_raster(raster),
+            f"solve and map of {count} points",
+            error=error,
+        ),
+        ours("drag of one point, an event", drag, f"drag one of {count} points", times=_EVENTS),
+        ours(
+            "drag of one point and evaluate, an event",
+            lambda: drag(lambda fit: fit.sample_on_raster(raster)),
+            f"drag one of {count} points and map",
+            times=_EVENTS,
+            error=error,
+        ),
     ]
     if count <= LARGEST_SET:
         cases += [
-            Case("deformnb: thin plate, solve", lambda: solve(every, kernel="thin_plate"), ours=True),
-            Case(
-                f"deformnb: thin plate, drag of one point, {_EVENTS} events",
-                lambda: _events(lambda: solve(one, kernel="thin_plate")),
-                ours=True,
-            ),
+            ours("thin plate, solve", lambda: solve(every, kernel="thin_plate"), ""),
+            ours("thin plate, drag of one point, an event", lambda: drag(kernel="thin_plate"), "", times=_EVENTS),
         ]
-    if not c_loops.why_absent():
-        cases.append(Case("C loop", c_loops.sums(fit, raster), error))
+    cases += c_loops.cases("uint8", lambda loops: c_loops.sums(loops, fit, raster), error)
+    cases += general_warp(options.size, options.points)
     if not options.loops:
         cases += _scipy_of_many(points, raster)
     name = f"RBF: {count} points on {raster.shape[1]} x {raster.shape[0]}, Wendland C2 of support {support:.3g}"
     return Group(name, cases, 1.0, "pixels")
-
-
-def _events(event: Callable[[], Any]) -> Any:
-    """The last of several events of a drag: the cache of the first serves the others."""
-    for _ in range(_EVENTS - 1):
-        event()
-    return event()
 
 
 def _scipy_of_many(points: ControlPoints, raster: Raster) -> list[Case]:
@@ -122,17 +140,22 @@ def _cases(points: ControlPoints, raster: Raster, options: Namespace) -> list[Ca
     def error(result: NDArray[Any]) -> NDArray[Any]:
         return result - thin
 
+    rows = {32: "solve and map of 32 points", 128: "solve and map of 128 points of wide support"}
+    row = rows.get(len(at), "")
     cases = [
-        Case("deformnb, Wendland C2", ours(support=support), lambda r: r - compact, ours=True),
+        Case("deformnb, Wendland C2", ours(support=support), lambda r: r - compact, ours=True, row=row),
         Case("deformnb, thin plate", ours(kernel="thin_plate"), error, ours=True),
     ]
-    if not c_loops.why_absent():
-        cases.append(Case("C loop", c_loops.sums(fit, raster), lambda r: r - compact))  # without the solve
+    # without the solve
+    cases += c_loops.cases("uint8", lambda loops: c_loops.sums(loops, fit, raster), lambda r: r - compact)
+    cases += general_warp(options.size, options.points)
     if options.loops:
         return cases
     cases.append(Case("scipy RBFInterpolator, thin plate", scipy, error))
     if importlib.util.find_spec("vtkmodules"):
         cases.append(Case("VTK ThinPlateSpline + TransformToGrid", _vtk(at, d, raster), error))
+    if importlib.util.find_spec("itk"):
+        cases.append(Case("ITK ThinPlateR2LogRSplineKernelTransform", _itk(at, d, raster, options.threads), error))
     if importlib.util.find_spec("skimage"):
         cases.append(Case("scikit-image ThinPlateSpline", _skimage(at, d, raster), error))
     return cases
@@ -163,6 +186,31 @@ def _vtk(at: NDArray[np.float64], d: NDArray[np.float64], raster: Raster) -> Cal
         grid.Update()
         values = vtk_to_numpy(grid.GetOutput().GetPointData().GetScalars()).reshape(*raster.shape, 3)
         return np.moveaxis(values[..., :2], -1, 0)
+
+    return run
+
+
+def _itk(at: NDArray[np.float64], d: NDArray[np.float64], raster: Raster, threads: int) -> Callable[[], NDArray[Any]]:
+    import itk
+
+    field = itk.Image[itk.Vector[itk.F, 2], 2]
+
+    def run() -> NDArray[Any]:
+        spline = itk.ThinPlateR2LogRSplineKernelTransform[itk.D, 2].New()
+        landmarks = spline.GetModifiableSourceLandmarks(), spline.GetModifiableTargetLandmarks()
+        for places, given in zip(landmarks, (at, at + d), strict=True):
+            for k, point in enumerate(given.tolist()):
+                places.SetPoint(k, point)
+        spline.ComputeWMatrix()
+        filled = itk.TransformToDisplacementFieldFilter[field, itk.D].New()
+        filled.SetTransform(spline)
+        filled.SetSize(raster.shape[::-1])
+        filled.SetOutputSpacing(raster.spacing)
+        filled.SetOutputOrigin(raster.origin)
+        if threads:
+            filled.SetNumberOfWorkUnits(threads)
+        filled.Update()
+        return np.moveaxis(itk.array_from_image(filled.GetOutput()), -1, 0)
 
     return run
 

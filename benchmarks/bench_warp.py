@@ -1,4 +1,5 @@
-"""Warps of a volume: W1 one replicated map, W2 a map that varies with depth, W3 any field, given or fitted."""
+"""Warps of a volume: W1 one replicated map, W2 a map that varies with depth, W3 any field, given or fitted, W4 any
+field given for a volume of twice the edge, 512^3 voxels."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from benchmarks import c_loops, peers, problem
+from benchmarks.goals import PREPARED
 from benchmarks.timing import Case, Group
 from deformnb.rbf.extrusion import extrude, modulate, replicate
 from deformnb.rbf.fields import AbstractField, DisplacementField
@@ -37,6 +39,9 @@ def groups(options: Namespace) -> Iterator[Group]:
     yield _modulated(volume, extrude(plane, volume.grid, [stored], modulate("sin(pi*z)")), options)
     solid = fit_rbf(problem.control_points(options.points, 3, options.size), support=support)
     yield _general(volume, solid, options)
+    if options.dtype != "float32":
+        yield _given(problem.volume(options.size, "float32"), solid, "general, field given, float32")
+    yield _large(options)
 
 
 def _replicated(volume: Volume, field: AbstractField, view: str, axis: int, options: Namespace) -> Group:
@@ -45,15 +50,15 @@ def _replicated(volume: Volume, field: AbstractField, view: str, axis: int, opti
     fast, plain = Warper(volume, fill=FILL), Warper(volume, fill=FILL)
     fast.prepare(axis)
     cases = [
-        Case("deformnb, prepared", lambda: fast(field).values, error, ours=True),
-        Case("deformnb, in place", lambda: plain(field).values, error, ours=True),
+        _ours("prepared", lambda: fast(field).values, error, f"replicated along {'zyx'[axis]}, prepared"),
+        _ours("in place", lambda: plain(field).values, error, f"replicated along {'zyx'[axis]}, in place"),
         Case("deformnb, one call from scratch", lambda: Warper(volume, fill=FILL)(field).values, error, ours=True),
     ]
     rest = [2 - a for a in range(3) if a != axis]  # component x, y, z of rows and columns
     flat = displacement.take(0, axis)
     given = volume.values, flat[..., rest[0]], flat[..., rest[1]], FILL, axis
-    if not c_loops.why_absent():  # both have the layout of the prepared one
-        cases.append(Case("C loop", c_loops.rows(*given), error))
+    for loop, make in _loops_of_rows(given).items():
+        cases += c_loops.cases(options.dtype, make, error, loop)
     if _is_installed("numba"):
         from benchmarks import loops
 
@@ -64,15 +69,30 @@ def _replicated(volume: Volume, field: AbstractField, view: str, axis: int, opti
     return Group(name, cases + _rivals(volume, displacement, lookup, error, options), *_tolerance(volume))
 
 
+def _loops_of_rows(given: tuple[Any, ...]) -> dict[str, Callable[[c_loops.Loops], c_loops.Run]]:
+    """Loops in C by their names: with the axis last in memory, as the prepared warp has it, and the volume as it lies.
+    Weights of 8 bits are another job, up to two grey levels off."""
+    values, axis = given[0], given[-1]
+    made: dict[str, Callable[[c_loops.Loops], c_loops.Run]] = {PREPARED: lambda loops: c_loops.rows(loops, *given)}
+    if axis < 2:
+        made["C in place"] = lambda loops: c_loops.rows_in_place(loops, *given)
+    if values.dtype == np.uint8:
+        made["C, weights of 8 bits"] = lambda loops: c_loops.rows(loops, *given, function="rows_of_8_bits")
+    return made
+
+
+def _ours(name: str, run: Callable[[], Any], error: Error | None, row: str) -> Case:
+    return Case(f"deformnb, {name}" if name else "deformnb", run, error, ours=True, row=row)
+
+
 def _modulated(volume: Volume, field: AbstractField, options: Namespace) -> Group:
     displacement, lookup, error = _truth(volume, field)
     warper = Warper(volume, fill=FILL)
-    cases = [Case("deformnb", lambda: warper(field).values, error, ours=True)]
-    if not c_loops.why_absent():
-        middle = displacement[volume.shape[0] // 2]
-        weights = np.abs(displacement).max(axis=(1, 2, 3)) / np.abs(middle).max()
-        loop = c_loops.modulated(volume.values, middle[..., 1], middle[..., 0], weights, FILL)
-        cases.append(Case("C loop", loop, error))
+    cases = [_ours("", lambda: warper(field).values, error, "modulated along z")]
+    middle = displacement[volume.shape[0] // 2]
+    weights = np.abs(displacement).max(axis=(1, 2, 3)) / np.abs(middle).max()
+    given = volume.values, middle[..., 1], middle[..., 0], weights, FILL
+    cases += c_loops.cases(options.dtype, lambda loops: c_loops.modulated(loops, *given), error)
     if _is_installed("numba"):
         from benchmarks import loops
 
@@ -85,9 +105,10 @@ def _general(volume: Volume, field: AbstractField, options: Namespace) -> Group:
     stored = DisplacementField.sample(field, volume.grid)
     displacement, lookup, error = _truth(volume, stored)
     warper = Warper(volume, fill=FILL)
-    cases = [Case("deformnb, field given", lambda: warper(stored).values, error, ours=True)]
-    if not c_loops.why_absent():
-        cases.append(Case("C loop", c_loops.general(volume.values, displacement, FILL), error))
+    row = "general, field given" + (", float32" if options.dtype == "float32" else "")
+    cases = [_ours("field given", lambda: warper(stored).values, error, row)]
+    given = volume.values, c_loops.components(displacement), FILL
+    cases += c_loops.cases(options.dtype, lambda loops: c_loops.general(loops, *given), error)
     if _is_installed("numba"):
         from benchmarks import loops
 
@@ -103,9 +124,31 @@ def _general(volume: Volume, field: AbstractField, options: Namespace) -> Group:
                 lambda coarse=coarse: coarse(field).values,
                 error if step == 1 else None,
                 ours=True,
+                row="general, 32 points, a node every 4 voxels" if (step, options.points) == (4, 32) else "",
             )
         )
     return Group(f"W3: general field in space, {volume.dtype}", cases, *_tolerance(volume))
+
+
+def _given(volume: Volume, field: AbstractField, row: str) -> Group:
+    """A given field alone, beside C."""
+    stored = DisplacementField.sample(field, volume.grid)
+    displacement, _, error = _truth(volume, stored)
+    warper, given = Warper(volume, fill=FILL), (volume.values, c_loops.components(displacement), FILL)
+    cases = [_ours("field given", lambda: warper(stored).values, error, row)]
+    cases += c_loops.cases(volume.dtype.name, lambda loops: c_loops.general(loops, *given), error)
+    return Group(f"W3: general field in space, {volume.dtype}, field given", cases, *_tolerance(volume))
+
+
+def _large(options: Namespace) -> Group:
+    """Eight times as many voxels: no cache holds them. What they should be is known from the smaller volumes."""
+    size = 2 * options.size
+    volume, points = problem.volume(size, options.dtype), problem.control_points(options.points, 3, size)
+    stored = DisplacementField.sample(fit_rbf(points, support=problem.SUPPORT * (size - 1)), volume.grid)
+    warper, given = Warper(volume, fill=FILL), (volume.values, c_loops.components(stored.values), FILL)
+    cases = [_ours("field given", lambda: warper(stored).values, None, "general, field given, 512^3")]
+    cases += c_loops.cases(options.dtype, lambda loops: c_loops.general(loops, *given))
+    return Group(f"W4: general field in space, {size}^3, {volume.dtype}", cases, *_tolerance(volume))
 
 
 def _rivals(

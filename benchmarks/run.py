@@ -5,92 +5,122 @@ from __future__ import annotations
 import os
 import platform
 from argparse import Namespace
+from collections.abc import Mapping
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from benchmarks import bench_edits, bench_maps, bench_quality, bench_rbf, bench_warp, c_loops, ratios
+from benchmarks import bench_edits, bench_maps, bench_quality, bench_rbf, bench_warp, c_loops, once, ratios
+from benchmarks.c_loops import COMPILERS
+from benchmarks.goals import ROWS
 from benchmarks.timing import Measured, measure
+from deformnb.native import library
 
 _LEGEND = """Median and least of interleaved rounds; ratio to the first row of each table; peak memory over the inputs,
-result included; largest and mean difference from the right result.
+result included; largest and mean difference from the right result; share of voxels that differ from the first row's.
+C writes into a result that is there before, so it has no peak.
 """
 _MODULES = {"R": bench_rbf, "W": bench_warp, "E": bench_edits, "M": bench_maps, "Q": bench_quality}
 """By the initial of their groups' names."""
 
+_NUMBA = "numba loop"
+
 _SUMMARY = """### Summary
 
-Milliseconds and ratios are those of the least times; of one thread: of the processor, which other load of the machine
-changes least.
+Least times: of one thread those of the processor, which other load of the machine changes least. C is the loop that the
+goal of a row names; a goal is met by the time of the faster compiler.
 
-| | ms | C | numba | best library | / C | / numba |
-|---|---|---|---|---|---|---|"""
+| | | C, gcc | C, clang | numba | best library | / gcc | / clang | / numba | goal | |
+|---|---|---|---|---|---|---|---|---|---|---|"""
 _PACKAGES = ("jax", "numpy", "scipy", "SimpleITK", "vtk", "scikit-image", "numba")
 
 
 def run(options: Namespace) -> int:
-    print(f"{machine()}; {options.threads or 'all'} thread(s)\n")
-    print(", ".join(_versions()) + "\n")
+    print(f"{ratios.vector_width()}, {machine()}; {options.threads or 'all'} thread(s); {datetime.now(UTC).date()}\n")
+    print(", ".join([*_versions(), *c_loops.versions(), f"compiled loops: {library.level()}"]) + "\n")
     print(_LEGEND + (f"{c_loops.why_absent()}\n" if c_loops.why_absent() else ""), flush=True)
-    summary, measured = [_SUMMARY], dict[str, float]()
+    summary: dict[str, str] = {}
+    measured: dict[str, float] = {}
     for initial, module in _MODULES.items():
-        if options.groups and all(part[:1] in _MODULES and part[:1] != initial for part in options.groups):
+        if options.groups and all(part[:1] in "RWEMQFTP" and part[:1] != initial for part in options.groups):
             continue  # their problems take long to make
         for group in module.groups(options):
-            if options.groups and not any(part in group.name for part in options.groups):
+            if not _is_asked(group.name, options):
                 continue
             results = measure(group, options.rounds)
-            print(f"### {group.name}\n\n| | ms | least | ratio | peak MiB | max ({group.unit}) | mean |")
-            print("|---|---|---|---|---|---|---|")
+            print(f"### {group.name}\n\n| | ms | least | ratio | peak MiB | max ({group.unit}) | mean | differ |")
+            print("|---|---|---|---|---|---|---|---|")
             for result in results:
                 print(_row(result, results[0]))
             print(flush=True)
-            for result in filter(lambda result: result.case.ours, results):
-                one_thread = options.threads == 1
-                summary.append(_line(group.name, result, results, one_thread=one_thread))
-                ratio_of = _ratios_to_loops(result, results, one_thread=one_thread)
-                measured |= {f"{group.name} | {result.case.name} / {peer}": ratio for peer, ratio in ratio_of.items()}
-    print("\n".join(summary), flush=True)
-    if options.ratios is None:
+            times = {other.case.name: 1e3 * other.least(one_thread=options.threads == 1) for other in results}
+            for result in (result for result in results if result.case.row):
+                libraries = {
+                    other.case.name: times[other.case.name]
+                    for other in results
+                    if not other.case.ours and other.case.name != _NUMBA and not other.case.name.startswith("C")
+                }
+                row, own = result.case.row, times[result.case.name]
+                summary[row] = _line(row, own, times, libraries, options)
+                measured |= _ratios(row, own, times)
+    for name, measure_rows in once.measure(options):
+        if _is_asked(name, options):
+            for row, own, times in measure_rows():
+                summary[row] = _line(row, own, times, {}, options)
+                measured |= _ratios(row, own, times)
+    print("\n".join([_SUMMARY, *(summary[row] for row in ROWS if row in summary)]), flush=True)
+    return 0 if options.ratios is None else _compare(measured, options)
+
+
+def _is_asked(group: str, options: Namespace) -> bool:
+    return not options.groups or any(part in group for part in options.groups)
+
+
+def _compare(measured: dict[str, float], options: Namespace) -> int:
+    """1 where a ratio has become worse."""
+    if reason := ratios.why_not_stored():
+        print(f"- not stored: {reason}")
         return 0
     settings = f"{machine()}; {options.threads} thread(s), {options.size} voxels, {options.dtype}"
-    for line in (found := ratios.compare(options.ratios, settings, measured)):
+    for line in (found := ratios.compare(options.ratios, ratios.vector_width(), settings, measured)):
         print(f"- WORSE: {line}")
     return 1 if found else 0
 
 
-def _least(measured: Measured, *, one_thread: bool) -> float:
-    return min(measured.processor if one_thread else measured.seconds)
+def _peers(row: str) -> dict[str, str]:
+    """The names of a row's peers in the group, by their names in tables."""
+    loop = ROWS[row].peer or "C"
+    return {**{f"C, {compiler}": f"{loop}, {compiler}" for compiler in COMPILERS}, _NUMBA: _NUMBA}
 
 
-def _ratios_to_loops(result: Measured, results: list[Measured], *, one_thread: bool) -> dict[str, float]:
-    """Ratios of the time of one of our cases to the loops."""
-    own = _least(result, one_thread=one_thread)
-    return {
-        other.case.name: own / _least(other, one_thread=one_thread)
-        for other in results
-        if other.case.name in ratios.PEERS
-    }
+def _ratios(row: str, own: float, times: Mapping[str, float]) -> dict[str, float]:
+    """Ratios to the peers that are stored, or the number of a row that has none; libraries change too often."""
+    if not ROWS[row].peer:
+        return {f"{row} / {ROWS[row].unit}": own}
+    return {f"{row} / {name}": own / times[peer] for name, peer in _peers(row).items() if peer in times}
 
 
-def _line(group: str, result: Measured, results: list[Measured], *, one_thread: bool) -> str:
+def _line(row: str, own: float, times: Mapping[str, float], libraries: Mapping[str, float], options: Namespace) -> str:
     """A row of the summary."""
-    least = {other.case.name: 1e3 * _least(other, one_thread=one_thread) for other in results}
-    times = [f"{least[peer]:.3g}" if peer in least else "-" for peer in ratios.PEERS]
-    rest = [other.case.name for other in results if not other.case.ours and other.case.name not in ratios.PEERS]
-    best = min(rest, key=least.__getitem__, default=None)
-    library = f"{best} {least[best]:.3g}" if best else "-"
-    own = least[result.case.name]
-    shares = [f"{own / least[peer]:.2f}" if peer in least else "-" for peer in ratios.PEERS]
-    cells = [f"{group.partition(',')[0]}: {result.case.name}", f"{own:.3g}", *times, library, *shares]
-    return f"| {' | '.join(cells)} |"
+    goal = ROWS[row]
+    peers = {} if not goal.peer else {peer: times[peer] for peer in _peers(row).values() if peer in times}
+    best = min(libraries, key=libraries.__getitem__, default=None)
+    numbers = [f"{peers[peer]:.3g}" if peer in peers else "" for peer in _peers(row).values()]
+    shares = [f"{own / peers[peer]:.3g}" if peer in peers else "" for peer in _peers(row).values()]
+    is_usual = (options.size, options.points, options.dtype) == (256, 32, "uint8")
+    limit = goal.limit(times) if is_usual else None
+    verdict = "" if limit is None else "met" if own <= limit else "MISSED"
+    most = "" if limit is None or not goal.peer else f" = {limit:.3g}"
+    cells = [row, f"{own:.3g} {goal.unit}", *numbers, f"{best} {libraries[best]:.3g}" if best else "", *shares]
+    return f"| {' | '.join([*cells, f'{goal}{most}', verdict])} |"
 
 
 def _row(result: Measured, first: Measured) -> str:
     name = f"**{result.case.name}**" if result.case.ours else result.case.name
     peak = "" if result.peak is None else f"{result.peak / 2**20:.0f}"
     least, ratio = min(result.seconds), result.median / first.median
-    exact = "| |" if result.largest != result.largest else f"{result.largest:.2g} | {result.mean:.2g} |"
-    return f"| {name} | {1e3 * result.median:.3g} | {1e3 * least:.3g} | {ratio:.3g} | {peak} | {exact}"
+    exact = [f"{error:.2g}" if error == error else "" for error in (result.largest, result.mean, result.other)]
+    return f"| {name} | {1e3 * result.median:.3g} | {1e3 * least:.3g} | {ratio:.3g} | {peak} | {' | '.join(exact)} |"
 
 
 def machine() -> str:

@@ -1,11 +1,15 @@
-"""The latency benchmark's own parts: its report, its notebooks and its hooks in a page, without a notebook server."""
+"""The parts of the benchmarks: rows and their goals, loops in C, stored ratios; of latency the report, the notebooks
+and the hooks in a page, without a notebook server."""
 
 from __future__ import annotations
 
 import ast
+import json
 import os
 import subprocess
 import sys
+from argparse import Namespace
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,10 +18,17 @@ import numpy as np
 import pytest
 from scripts import chromium
 
-from benchmarks import latency, prediction, ratios
+from benchmarks import bench_edits, bench_rbf, bench_warp, c_loops, latency, once, prediction, problem, ratios
+from benchmarks.goals import ROWS
 from benchmarks.latency_cells import CASES
 from benchmarks.latency_page import HOOKS, Seat, Seen
 from benchmarks.latency_report import Results, Verdict, table, verdicts
+from deformnb.native import library
+from deformnb.rbf.fields import DisplacementField
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.volume.plane import Raster
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.warper import warp
 
 ROOT = Path(__file__).resolve().parents[1]
 DRAG = {"inputs_hz": 60.0, "view_hz": 20.0, "picture_hz": 45.0, "grid_hz": 44.0, "catch_up_ms": 30.0, "view_bytes": 0}
@@ -262,19 +273,148 @@ def test_landmarks_of_mice_are_predicted_as_the_documentation_says(real_data: Ca
 def test_a_ratio_is_named_that_is_much_worse_or_worse_three_times(
     past: list[float], now: float, is_named: bool
 ) -> None:
-    named = ratios.worse([{"warp / C loop": ratio} for ratio in past], {"warp / C loop": now})
-    assert [line.partition(":")[0] for line in named] == ["warp / C loop"] * is_named
+    named = ratios.worse([{"warp / C, gcc": ratio} for ratio in past], {"warp / C, gcc": now})
+    assert [line.partition(":")[0] for line in named] == ["warp / C, gcc"] * is_named
 
 
 def test_ratios_are_kept_for_each_machine(tmp_path: Path) -> None:
     file = tmp_path / "ratios.json"
-    assert ratios.compare(file, "slow", {"a / C loop": 1.0}) == []
-    assert ratios.compare(file, "fast", {"a / C loop": 2.0}) == []
-    assert len(ratios.compare(file, "slow", {"a / C loop": 2.0})) == 1
+    assert ratios.compare(file, "AVX2", "slow", {"a / C, gcc": 1.0}) == []
+    assert ratios.compare(file, "AVX2", "fast", {"a / C, gcc": 2.0}) == []
+    assert ratios.compare(file, "AVX-512", "slow", {"a / C, gcc": 3.0}) == []
+    assert len(ratios.compare(file, "AVX2", "slow", {"a / C, gcc": 2.0})) == 1
     file.write_text("[]", encoding="utf-8")
     with pytest.raises(SystemExit, match="no file of ratios"):
-        ratios.compare(file, "slow", {})
+        ratios.compare(file, "AVX2", "slow", {})
     assert file.read_text(encoding="utf-8") == "[]"
+
+
+@pytest.mark.parametrize(
+    ("flags", "width"),
+    [
+        ("sse4_2 avx2 fma bmi2 avx512f avx512bw avx512cd avx512dq avx512vl", "AVX-512"),
+        ("sse4_2 avx2 fma bmi2 avx512f", "AVX2"),
+        ("sse4_2 avx", "SSE"),
+        ("fp asimd", "NEON"),
+        ("", "generic"),
+    ],
+)
+def test_machines_are_told_apart_by_the_width_of_their_vectors(flags: str, width: str) -> None:
+    assert ratios.width_of(flags) == width
+
+
+def test_ratios_of_a_forced_level_are_not_stored() -> None:
+    for level in library.levels():
+        before = library.use_level(level)
+        assert bool(ratios.why_not_stored()) == (level != library.levels()[-1])
+        library.use_level(before)
+
+
+def test_the_stored_ratios_are_those_of_rows() -> None:
+    widths = json.loads((ROOT / "benchmarks" / "ratios.json").read_text(encoding="utf-8"))
+    runs = [run for machines in widths.values() for runs in machines.values() for run in runs]
+    assert {name.rpartition(" / ")[0] for run in runs for name in run} <= set(ROWS)
+
+
+def test_every_row_is_measured_once() -> None:
+    options = Namespace(size=24, points=32, dtype="uint8", threads=1, rounds=1, loops=True)
+    groups = [group for module in (bench_rbf, bench_warp, bench_edits) for group in module.groups(options)]
+    found = Counter(case.row for group in groups for case in group.cases if case.row)
+    alone = [row for row in ROWS if row.startswith(("first volume", "five changes", "two threads", "peak memory"))]
+    assert found == Counter(row for row in ROWS if row not in alone)
+    compilers = c_loops.commands()
+    for group in groups:
+        names = [case.name for case in group.cases]
+        for row in (case.row for case in group.cases if case.row):
+            assert {f"{ROWS[row].peer}, {compiler}" for compiler in compilers} <= set(names), row
+
+
+def test_rows_that_are_measured_alone_are_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each in a process of its own, which the nightly run starts: here their answers are given."""
+    kinds = "replicated", "modulated", "general"
+    answers: dict[str, Any] = {
+        "first": 100.0,
+        "threads": {f"{kind} {name}": 1.0 for kind in kinds for name in ("deformnb", "C, gcc")},
+        "memory": {"points on a picture": 1.1, "points in space": 1.2},
+    }
+
+    def run(command: list[str], **_: Any) -> Any:
+        answer = answers[command[command.index("benchmarks.once") + 1]]
+        return subprocess.CompletedProcess(command, 0, json.dumps(answer), "")
+
+    monkeypatch.setattr(subprocess, "run", run)
+    judged = [row for _, measure in once.measure(Namespace(rounds=1)) for row in measure()]
+    assert {name for name, _, _ in judged} <= set(ROWS)
+    assert all(peers == {"C, gcc": 1.0} for name, _, peers in judged if name.startswith("two threads"))
+
+
+@pytest.mark.parametrize("compiler", c_loops.COMPILERS)
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
+def test_the_loops_in_c_compute_what_warps_do(dtype: str, compiler: str) -> None:
+    if compiler not in c_loops.commands():
+        pytest.skip(f"no {compiler}")
+    loops = c_loops.libraries(dtype)[compiler]
+    rng = np.random.default_rng(3)
+    shape = (70, 41, 134)
+    values = rng.integers(0, 256, shape).astype(dtype)
+    volume = Volume(values, Grid(shape))
+    d = (6 * rng.standard_normal((*shape, 3))).astype(np.float32)
+    field, fill = DisplacementField(d, volume.grid), 9.0
+    _compare_voxels(
+        c_loops.general(loops, values, c_loops.components(d), fill)(), warp(volume, field, fill=fill).values
+    )
+    for axis in range(3):
+        rest = [2 - a for a in range(3) if a != axis]
+        flat = d.take(0, axis)[..., rest]
+        same = np.zeros((*np.delete(shape, axis), 3), np.float32)
+        same[..., rest] = flat
+        moved = DisplacementField(np.repeat(np.expand_dims(same, axis), shape[axis], axis), volume.grid)
+        right = warp(volume, moved, fill=fill).values
+        given = values, flat[..., 0], flat[..., 1], fill, axis
+        _compare_voxels(c_loops.rows(loops, *given)(), right)
+        if axis < 2:
+            _compare_voxels(c_loops.rows_in_place(loops, *given)(), right)
+        if dtype == "uint8":
+            rough = c_loops.rows(loops, *given, function="rows_of_8_bits")()
+            assert np.abs(rough.astype(int) - right).max() <= 2
+    weights = np.sin(np.linspace(0, np.pi, shape[0])).astype(np.float32)
+    bent = np.zeros_like(d)
+    bent[..., :2] = weights[:, None, None, None] * d[5, ..., :2]
+    right = warp(volume, DisplacementField(bent, volume.grid), fill=fill).values
+    _compare_voxels(c_loops.modulated(loops, values, d[5, ..., 1], d[5, ..., 0], weights, fill)(), right)
+
+
+def _compare_voxels(found: Any, right: Any) -> None:
+    """Compilers may join operations, so that a value of half a number is rounded to the other side."""
+    if right.dtype.kind == "f":
+        np.testing.assert_allclose(found, right, atol=1e-3)
+    else:
+        assert np.abs(found.astype(int) - right.astype(int)).max() <= 1
+        assert (found != right).mean() < 1e-3
+
+
+def test_the_sum_in_c_is_that_of_a_fit() -> None:
+    raster = Raster((37, 50), (1.0, 1.0), (0.0, 0.0))
+    fit = fit_rbf(problem.control_points(12, 2, 48), support=20.0)
+    for loops in c_loops.libraries("uint8").values():
+        np.testing.assert_allclose(c_loops.sums(loops, fit, raster)(), fit.sample_on_raster(raster), atol=1e-3)
+
+
+def test_the_summary_has_the_rows_of_the_groups_asked_for() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks", "--size", "24", "--rounds", "1", "--loops", "--groups", "W2"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    _, _, summary = done.stdout.partition("### Summary")
+    (row,) = [line for line in summary.splitlines() if line.split("|")[1:2] == [" modulated along z "]]
+    cells = [cell.strip() for cell in row.split("|")[1:-1]]
+    for compiler, time, share in zip(c_loops.COMPILERS, cells[2:4], cells[6:8], strict=True):
+        assert bool(time) == bool(share) == (compiler in c_loops.commands())
+    assert cells[-2:] == ["<= 1 x C", ""]  # no goal is set for volumes of this size
 
 
 @pytest.mark.nightly
