@@ -7,8 +7,10 @@ the host in float64; displacements stay on a GPU that computes them.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed, wait
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
@@ -511,7 +513,7 @@ def _starts(n: int, length: int, step: int) -> list[int]:
 
 
 def run_parts(parts: Sequence[_Part], work: Callable[[_Part], None], progress: Progress | None) -> None:
-    """Run the work for all parts, on as many threads as this process may use: XLA runs one call on one thread."""
+    """Run the work for all parts, on as many threads as this process may use."""
     threads = min(len(parts), processors())
     done = 0.0
     if not parts and progress:
@@ -523,16 +525,38 @@ def run_parts(parts: Sequence[_Part], work: Callable[[_Part], None], progress: P
             if progress:
                 progress(done / len(parts))
         return
-    with ThreadPoolExecutor(threads, thread_name_prefix="deformnb-warp") as pool:
+    with _threads(processors()) as pool:
+        futures = [pool.submit(work, part) for part in parts]
         try:
-            for future in as_completed([pool.submit(work, part) for part in parts]):
+            for future in as_completed(futures):
                 future.result()
                 done += 1
                 if progress:
                     progress(done / len(parts))
         except BaseException:  # the reason may be Cancelled: what has not begun must not run on
-            pool.shutdown(wait=False, cancel_futures=True)
+            for future in futures:
+                future.cancel()
+            wait(futures)
             raise
+
+
+# Threads that wait for work, by their number: to start them takes longer than an edit on a picture may. Work that runs
+# at the same time, or within other work, has separate ones, so that none waits for the other.
+_idle: defaultdict[int, list[ThreadPoolExecutor]] = defaultdict(list)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_idle.clear)  # a child has no threads but its own
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[ThreadPoolExecutor]:
+    try:
+        pool = _idle[count].pop()
+    except IndexError:
+        pool = ThreadPoolExecutor(count, "deformnb-warp")
+    try:
+        yield pool
+    finally:
+        _idle[count].append(pool)
 
 
 def processors() -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -19,6 +19,7 @@ from deformnb.volume import sampling
 from deformnb.volume.sampling import METHODS
 from deformnb.warping import planning
 from deformnb.warping.planning import BlockSlices, Places, Tables
+from deformnb.warping.result_memory import ResultMemory
 
 RunParts = Callable[[Any, Callable[[Any], None]], None]
 """Does the work for all parts, on several threads."""
@@ -34,12 +35,14 @@ class VoxelInput:
     places : of the output's voxels, before any displacement.
     method : a name of :data:`~deformnb.volume.sampling.METHODS`.
     fill : the voxel of places outside.
+    memory : of the results.
     """
 
     values: NDArray[Any]
     places: Places
     method: str
     fill: Any
+    memory: ResultMemory = field(default_factory=ResultMemory)
 
     @cached_property
     def compute(self) -> str:
@@ -151,7 +154,8 @@ class CompiledReader:
         order = (*(a for a in range(3) if a != normal), normal)
         is_turned = plan.weights is None and normal in self._turned
         source = self._turned[normal] if is_turned else self._source
-        out = np.empty([shape[a] for a in order] if is_turned else shape, self._input.values.dtype)
+        own_shape = (*(shape[a] for a in order),) if is_turned else shape
+        out = self._input.memory.empty(own_shape, self._input.values.dtype)
         first = int(self._input.places.whole[normal][normal, 0])
         matrix = plan.matrix[list(order[:2])]
 
@@ -224,7 +228,7 @@ class JaxReader:
         """Parts along z and y; the whole at once on a GPU."""
         normal, at, shape = plan.normal, self._input.places, self._input.places.shape
         maps = plan.maps.reshape(*plan.maps.shape[: 2 + normal], 1, *plan.maps.shape[2 + normal :])
-        outs = [np.empty(shape, self._input.values.dtype)]
+        outs = [self._input.memory.empty(shape, self._input.values.dtype)]
         self.load()
 
         def work(block: BlockSlices) -> None:

@@ -33,6 +33,7 @@ from deformnb.warping import planning
 from deformnb.warping.compositions import ComposedEvaluator, Displacements, Replacement
 from deformnb.warping.map_checks import add_cautions, map_notes
 from deformnb.warping.modulated_cuts import CutPlan, plan_cut
+from deformnb.warping.result_memory import ResultMemory
 from deformnb.warping.voxel_readers import VoxelInput, VoxelReader, make_reader, store
 
 
@@ -250,6 +251,7 @@ class Warper:
         self._fill = planning.as_voxel(self.fill, volume.dtype)
         self.compute = sampling.compute_type(volume.dtype)
         self._places = planning.places(volume.grid, self.output, self.compute)
+        self._memory = ResultMemory()
 
     def __call__(self, field: AbstractField | HasField, *, progress: Progress | None = None) -> Volume:
         """The volume deformed by ``field``; see :func:`warp`."""
@@ -278,7 +280,8 @@ class Warper:
 
     @cached_property
     def _reader(self) -> VoxelReader:
-        return make_reader(VoxelInput(_small_values(self.volume.finite_values), self._places, self.method, self._fill))
+        values = _small_values(self.volume.finite_values)
+        return make_reader(VoxelInput(values, self._places, self.method, self._fill, self._memory))
 
     def _fade(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
         return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
@@ -289,7 +292,7 @@ class Warper:
 
     def empty(self) -> NDArray[Any]:
         """An array for the result."""
-        return np.empty(self.output.shape, self._fill.dtype)
+        return self._memory.empty(self.output.shape, self._fill.dtype)
 
     def read_block(self, out: NDArray[Any], own: Displacements, block: planning.BlockSlices) -> NDArray[Any]:
         """The voxels of a block, whose displacements are known; in ``out`` or elsewhere."""
