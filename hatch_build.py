@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os
 import sys
-import sysconfig
 from pathlib import Path
 from typing import Any
 
@@ -18,30 +18,55 @@ class BuildHook(BuildHookInterface):  # type: ignore[type-arg]
     """Bundles before wheel and sdist are packed, and compiles before a wheel is."""
 
     def dependencies(self) -> list[str]:
-        """Node.js from PyPI, where it is needed and the system has none."""
+        """Node.js and a C compiler from PyPI, where they are needed and the system has none."""
+        needed = []
         try:
             if node_tasks.bundle_state().is_stale():
                 node_tasks.system_node()
         except node_tasks.NodeError:
-            return [node_tasks.WHEEL]
-        return []
+            needed.append(node_tasks.WHEEL)
+        if self.target_name == "wheel" and not _skips_loops():
+            target = _named_target()
+            try:
+                if native_build.is_stale(target):
+                    native_build.find_compiler(crosses=target is not None)
+            except native_build.MissingCompilerError:
+                needed.append(native_build.WHEEL)
+        return needed
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Make the bundles and the compiled loops if their sources have changed since.
 
-        A wheel with compiled loops is one for this platform, of any Python; without a C compiler it has none, and
-        serves all platforms.
+        A wheel with compiled loops is one for this platform, or for the target that DEFORMNB_NATIVE_TARGET names, of
+        any Python; without a C compiler it has none, and serves all platforms.
         """
         try:
             node_tasks.bundle()
         except node_tasks.NodeError as error:
             sys.exit(f"error: {error}")
-        if self.target_name != "wheel":
+        if self.target_name != "wheel" or _skips_loops():
             return
+        target = _named_target()
         try:
-            native_build.build()
+            library = native_build.build(target)
         except native_build.CompilerError as error:
+            if target is not None:
+                sys.exit(f"error: {error}")
             self.app.display_warning(f"without compiled loops: {error}")
-        if version != "editable" and native_build.library_path().exists():
+            return
+        if version != "editable":
+            tag = native_build.own_target().tag if target is None else native_build.TARGETS[target].tag
             build_data["pure_python"] = False
-            build_data["tag"] = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"
+            build_data["tag"] = f"py3-none-{tag}"
+            build_data["force_include"][str(library)] = f"deformnb/native/lib/{library.name}"
+
+
+def _skips_loops() -> bool:
+    return os.environ.get("DEFORMNB_NATIVE", "").strip().lower() == "off"
+
+
+def _named_target() -> str | None:
+    name = os.environ.get(native_build.TARGET_VARIABLE) or None
+    if name is not None and name not in native_build.TARGETS:
+        sys.exit(f"error: {native_build.TARGET_VARIABLE}={name} is none of {', '.join(native_build.TARGETS)}")
+    return name

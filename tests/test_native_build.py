@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from deformnb.native import library
+
 ROOT = Path(__file__).parents[1]
 if not (ROOT / "native_build.py").exists():
     pytest.skip("an installed package has no sources of the loops", allow_module_level=True)
@@ -42,7 +44,24 @@ def test_a_compiler_that_fails_is_quoted(tmp_path: Path, monkeypatch: pytest.Mon
         (tmp_path / name).write_text("this is no C", encoding="utf-8")
     monkeypatch.setattr(native_build, "SOURCES", tmp_path)
     monkeypatch.setattr(native_build, "FOLDER", tmp_path / "lib")
-    monkeypatch.setattr(native_build, "STAMP", tmp_path / "lib" / "sources.sha256")
     with pytest.raises(native_build.CompilerError, match="do not compile"):
         native_build.build()
-    assert not (tmp_path / "lib" / "sources.sha256").exists()
+    assert not list((tmp_path / "lib").glob("*"))
+
+
+def test_each_target_is_a_library_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = [native_build.library_path(name) for name in (None, *native_build.TARGETS)]
+    assert len(set(paths)) == len(paths)
+    monkeypatch.setattr(native_build.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(native_build.MissingCompilerError, match="ziglang"):
+        native_build.find_compiler(crosses=True)
+
+
+def test_the_package_looks_for_the_library_that_is_built() -> None:
+    assert library.why_absent() == "" or native_build.library_path().name in library.why_absent()
+
+
+def test_a_target_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["native_build.py", "amiga"])
+    with pytest.raises(SystemExit, match="no target 'amiga'; there are linux-x86_64"):
+        native_build.main()

@@ -166,7 +166,7 @@ def test_conda_environment_equals_the_requirements() -> None:
     [
         ("deformnb", ["formats", "interop", "large", "movie", "notebook"]),
         ("lessons", []),
-        ("tests", ["test", "peers"]),
+        ("tests", ["test", "peers", "cross-build"]),
         ("benchmarks", ["benchmark", "gpu-benchmark"]),
         ("mutants", ["test"]),
     ],

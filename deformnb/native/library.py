@@ -2,18 +2,23 @@
 
 The library holds the same loops several times, compiled for processors of different years; the newest ones that the
 processor has are used. ``DEFORMNB_NATIVE=off`` uses none, ``DEFORMNB_NATIVE=v2`` those of a level.
+``DEFORMNB_NATIVE_FOLDER`` names a folder with another library, such as one with checks by sanitizers.
 """
 
 from __future__ import annotations
 
 import ctypes
 import os
+import sys
 from functools import cache
 from pathlib import Path
 
 from deformnb.native.jobs import Loops
 
-FOLDER = Path(__file__).parent / "lib"
+FOLDER_VARIABLE = "DEFORMNB_NATIVE_FOLDER"
+"""The environment variable that names another folder of the library."""
+
+FOLDER = Path(os.environ.get(FOLDER_VARIABLE) or Path(__file__).parent / "lib")
 """The folder of the library; ``native_build.py`` of a checkout fills it."""
 
 LEVELS = ("base", "v2", "v3", "v4")
@@ -101,7 +106,7 @@ def _has_level(library: ctypes.CDLL, name: str) -> bool:
 
 
 def _path() -> Path:
-    ending = {"nt": ".dll"}.get(os.name, ".so")
+    ending = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
     return FOLDER / f"deformnb_loops{ending}"
 
 
