@@ -716,7 +716,7 @@ def test_workflows_read_only_and_publish_only_what_was_checked() -> None:
         for job in workflow["jobs"].values():
             assert not job.get("uses", "./").startswith("./") or (ROOT / job.get("uses", ".")).exists(), name
     publish = release["jobs"]["publish"]
-    assert publish["needs"] == ["package", "version"]
+    assert publish["needs"] == ["package", "install", "version"]
     assert publish["permissions"] == {"id-token": "write"}
     assert "vars.PUBLISH_TO_PYPI == 'true'" in publish["if"]
 
