@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._deferred import ndimage
 from deformnb._jax import as_numpy, blockwise, each, float64, jax, jit, jnp, lax, pytree
 from deformnb.native import sums
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
@@ -38,13 +37,8 @@ def is_culled(kernel: type[AbstractKernel], count: Any) -> bool:
 
 
 def is_compiled(kernel: type[AbstractKernel]) -> bool:
-    """Check that sums are computed by loops compiled ahead (:mod:`deformnb.native.sums`), from leaves in float64."""
+    """Check that sums are computed by loops compiled ahead (:mod:`deformnb.native.sums`), of :class:`PlainLeaves`."""
     return kernel.name in BUILT_IN and devices.is_host() and sums.can_sum(kernel.name)
-
-
-def leaves_type(kernel: type[AbstractKernel], dtype: Any) -> Any:
-    """The type of the :class:`Leaves` from which sums of a type are computed."""
-    return np.float64 if is_compiled(kernel) else dtype
 
 
 # Centres that arrays of sums hold at least where loops over them end at their number, so that fewer would save nothing;
@@ -113,6 +107,12 @@ class Leaves(NamedTuple):
     count: Any
     scales: Any = None
     quadratic: Any = None
+
+
+class PlainLeaves(NamedTuple):
+    """Those of loops compiled ahead: in float64 for any type of the sums, and without padding."""
+
+    arrays: Leaves
 
 
 Sum: TypeAlias = Callable[[tuple[Any, ...], Leaves, type[AbstractKernel]], tuple[Any, ...]]
@@ -264,14 +264,22 @@ evaluate_blocks = jit(_blocks, on_one_thread=True, static_argnames=("kernel", "w
 
 
 def evaluate_lattice(
-    rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
+    rows: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    leaves: Leaves | PlainLeaves,
+    kernel: type[AbstractKernel],
+    dtype: Any,
 ) -> NDArray[Any]:
     """Displacements (dim, R, C) at relative points ``rows[:, r] + columns[:, c]``."""
     return _evaluate_lattice(rows, columns, leaves, kernel, dtype, _displacement)
 
 
 def jacobian_at_lattice(
-    rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
+    rows: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    leaves: Leaves | PlainLeaves,
+    kernel: type[AbstractKernel],
+    dtype: Any,
 ) -> NDArray[Any]:
     """Derivatives (dim, dim, R, C) of D with respect to the relative coordinates, as :func:`evaluate_lattice`."""
     dim = len(rows)
@@ -281,14 +289,14 @@ def jacobian_at_lattice(
 def _evaluate_lattice(
     rows: NDArray[np.float64],
     columns: NDArray[np.float64],
-    leaves: Leaves,
+    leaves: Leaves | PlainLeaves,
     kernel: type[AbstractKernel],
     dtype: Any,
     what: Sum,
 ) -> NDArray[Any]:
     dim, n = rows.shape
-    if is_compiled(kernel):
-        return _sum_compiled(rows, columns, leaves, kernel, dtype, what)
+    if isinstance(leaves, PlainLeaves):
+        return _sum_compiled(rows, columns, leaves.arrays, kernel, dtype, what)
     if is_culled(kernel, leaves.count):
         return _culled_lattice(rows, columns, leaves, kernel, dtype, what)
     padded = np.zeros((dim, few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
@@ -305,22 +313,22 @@ def _sum_compiled(
     dtype: Any,
     what: Sum,
 ) -> NDArray[Any]:
-    n = int(leaves.count)
+    centers, coefficients, linear, constant, _, scales, quadratic = leaves
     found = sums.sum_lattice(
         rows,
         columns,
-        leaves.centers[:n],
-        leaves.coefficients[:n],
-        leaves.linear,
-        leaves.constant,
+        centers,
+        coefficients,
+        linear,
+        constant,
         kernel.name,
-        scales=None if leaves.scales is None else leaves.scales[:n],
-        quadratic=leaves.quadratic,
+        scales=scales,
+        quadratic=quadratic,
         dtype=dtype,
         is_compact=kernel.compact,
         derivatives=what is _jacobian,
     )
-    return found.reshape(np.prod(found.shape[:-2], dtype=int), *found.shape[-2:])
+    return found.reshape(-1, *found.shape[-2:]) if found.ndim > 3 else found
 
 
 def check_parts(components: Iterable[Any]) -> tuple[tuple[Any, ...], Any]:
@@ -360,14 +368,14 @@ def lattice_on_device(
 
 
 def evaluate_points(
-    points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
+    points: NDArray[np.float64], leaves: Leaves | PlainLeaves, kernel: type[AbstractKernel], dtype: Any
 ) -> NDArray[Any]:
     """Displacements (dim, n) at relative points (dim, n)."""
     return _evaluate_points(points, leaves, kernel, dtype, _displacement)
 
 
 def jacobian_at_points(
-    points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
+    points: NDArray[np.float64], leaves: Leaves | PlainLeaves, kernel: type[AbstractKernel], dtype: Any
 ) -> NDArray[Any]:
     """Derivatives (dim, dim, n) of D with respect to the relative coordinates, as :func:`evaluate_points`."""
     dim = len(points)
@@ -375,11 +383,11 @@ def jacobian_at_points(
 
 
 def _evaluate_points(
-    points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any, what: Sum
+    points: NDArray[np.float64], leaves: Leaves | PlainLeaves, kernel: type[AbstractKernel], dtype: Any, what: Sum
 ) -> NDArray[Any]:
     dim, n = points.shape
-    if is_compiled(kernel):
-        return _sum_compiled(np.zeros((dim, 1)), points, leaves, kernel, dtype, what)[:, 0]
+    if isinstance(leaves, PlainLeaves):
+        return _sum_compiled(np.zeros((dim, 1)), points, leaves.arrays, kernel, dtype, what)[:, 0]
     if is_culled(kernel, leaves.count) and n > 64:
         return _culled_points(points, leaves, kernel, dtype, what)
     block = 64 if n <= 64 else _BLOCK
@@ -528,9 +536,14 @@ def local_sums(leaves: Leaves) -> NDArray[np.float64]:
     if np.prod(shape, dtype=float) > 1e6:
         return np.asarray(squares.sum(axis=0))
     flat = np.ravel_multi_index(tuple(cells.T), shape)
-    sums = [np.bincount(flat, column, int(np.prod(shape))).reshape(shape) for column in squares.T]
-    near = [5.0 ** x.shape[1] * ndimage.uniform_filter(s, 5, mode="constant").max() for s in sums]
-    return np.minimum(near, squares.sum(axis=0))
+    sums = np.stack([np.bincount(flat, column, int(np.prod(shape))).reshape(shape) for column in squares.T])
+    for axis in range(1, sums.ndim):  # of five cells along it
+        lines = np.moveaxis(sums, axis, 0)
+        wide = np.zeros((len(lines) + 4, *lines.shape[1:]))
+        for k in range(5):
+            wide[k : k + len(lines)] += lines
+        sums = np.moveaxis(wide, 0, axis)
+    return np.minimum(sums.reshape(len(sums), -1).max(axis=1), squares.sum(axis=0))
 
 
 def _evaluate_tiles(

@@ -23,12 +23,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._deferred import is_jax_imported, scipy
+from deformnb._deferred import scipy
 from deformnb._jax import float64, jit
 from deformnb._typing import Floats
 from deformnb.errors import DeformError
+from deformnb.native.sums import sum_lattice
 from deformnb.rbf.conditioning import PreparedPoints
-from deformnb.rbf.evaluation import capacity, profile_of
+from deformnb.rbf.evaluation import capacity, is_compiled, profile_of
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
 DENSE = 1000
@@ -190,10 +191,11 @@ class _Band:
         n, width = len(x), int((j - i).max(initial=0))
         self.size = (width + 1) * n
         _check_size(self.size, len(i), n)
-        self._pairs = i, j, profile_of(square, kernel)
+        values = profile_of(square, kernel)
+        self._upper = scipy.sparse.csr_array((values, (i, j)), shape=(n, n))
         self._diagonal = profile_of(np.zeros(1), kernel)[0] + nugget[self._order]
         band = np.zeros((width + 1, n))
-        band[0], band[j - i, i] = self._diagonal, self._pairs[2]
+        band[0], band.reshape(-1)[(j - i) * n + i] = self._diagonal, values
         self._factor, self._failed = scipy.linalg.lapack.dpbtrf(band, lower=1, overwrite_ab=1)
 
     def solve(self, b: Floats) -> Floats:
@@ -202,12 +204,9 @@ class _Band:
         return np.asarray(scipy.linalg.lapack.dpbtrs(self._factor, b[self._order], lower=1)[0])[self._back]
 
     def product(self, b: Floats) -> Floats:
-        (i, j, value), n = self._pairs, len(b)
-        columns = [
-            self._diagonal * c + np.bincount(i, value * c[j], n) + np.bincount(j, value * c[i], n)
-            for c in b[self._order].T
-        ]
-        return np.stack(columns, axis=1)[self._back]
+        b = b[self._order]
+        found = self._diagonal[:, None] * b + self._upper @ b + self._upper.T @ b
+        return np.asarray(found)[self._back]
 
 
 class _Sparse:
@@ -384,9 +383,8 @@ def _symmetric_product(a: Floats, b: Floats) -> Floats:
 
 def _neighbours(x: Floats, reach: float) -> tuple[NDArray[Any], NDArray[Any], Floats]:
     """Pairs i < j of points within a distance, and the squares of their distances."""
-    pairs = scipy.spatial.cKDTree(x).query_pairs(reach, output_type="ndarray")
-    i, j = pairs.min(axis=1), pairs.max(axis=1)
-    return i, j, ((x[i] - x[j]) ** 2).sum(axis=1)
+    i, j = np.ascontiguousarray(scipy.spatial.cKDTree(x).query_pairs(reach, output_type="ndarray").T)
+    return i, j, np.add.reduce([(part[i] - part[j]) ** 2 for part in np.ascontiguousarray(x.T)])
 
 
 def _check_size(size: int, pairs: int, n: int) -> None:
@@ -399,35 +397,21 @@ def _check_size(size: int, pairs: int, n: int) -> None:
 
 
 def kernel_values(x: Floats, y: Floats, kernel: type[AbstractKernel]) -> Floats:
-    """Phi (n, m) between points x (n, dim) and y (m, dim), float64, the caller's own.
-
-    NumPy computes the built-in kernels of up to 256 points, and of any number where JAX is not in use yet: to import it
-    takes as long as a thousand matrices.
-    """
-    if kernel.name in BUILT_IN and (len(x) * len(y) <= _FEW or not is_jax_imported()):
-        return _values_by_rows(x, y, kernel)
+    """Phi (n, m) between points x (n, dim) and y (m, dim), float64, the caller's own."""
+    if kernel.name in BUILT_IN and len(x) * len(y) <= _FEW:
+        with np.errstate(all="ignore"):
+            return np.asarray(_values_between(x, y, kernel=kernel))
+    if is_compiled(kernel):  # one centre of coefficient 1 at the origin, at all places x - y
+        dim = x.shape[1]
+        zero, one = np.zeros((dim, dim)), np.eye(1, dim)
+        rows, columns = x.T, -y.T
+        return sum_lattice(rows, columns, zero[:1], one, zero, zero[0], kernel.name, is_compact=kernel.compact)[0]
     with float64():
         values = _compiled_values(_padded(x), _padded(y), kernel=kernel)
     return np.array(np.asarray(values)[: len(x), : len(y)])
 
 
-# Numbers of a matrix that NumPy computes as quickly as a compiled function, and those that stay in the cache meanwhile.
-_FEW, _ROWS = 2**16, 2**14
-
-
-def _values_by_rows(x: Floats, y: Floats, kernel: type[AbstractKernel]) -> Floats:
-    """The same, some rows at a time; of a matrix between the same points one half."""
-    n, step = len(x), max(1, _ROWS // max(1, len(y)))
-    with np.errstate(all="ignore"):
-        if step >= n:
-            return np.asarray(_values_between(x, y, kernel=kernel))
-        out = np.empty((n, len(y)))
-        for start in range(0, n, step):
-            stop, first = min(start + step, n), start if x is y else 0
-            out[start:stop, first:] = _values_between(x[start:stop], y[first:], kernel=kernel)
-            if x is y:
-                out[stop:, start:stop] = out[start:stop, stop:].T
-    return out
+_FEW = 2**12  # numbers of a matrix that NumPy computes before a compiled function starts
 
 
 def _padded(x: Floats) -> Floats:

@@ -218,7 +218,7 @@ def is_wide(ready: PreparedPoints) -> bool:
     It takes N m^2 operations, with m the points within the support of each, on the average. Points with radii of their
     own have a system that is solved whole.
     """
-    if (ready.radii != ready.support).any():
+    if ready.count**3 <= _MOST_WORK or (ready.radii != ready.support).any():  # fewer, each of which reaches all
         return False
     tree = scipy.spatial.cKDTree(ready.targets)
     return float(tree.count_neighbors(tree, ready.support)) ** 2 / ready.count > _MOST_WORK

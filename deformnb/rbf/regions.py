@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._deferred import is_jax_imported, ndimage
+from deformnb._deferred import ndimage
 from deformnb._jax import blockwise, full_precision, jax, jnp, lax, pytree, pytree_node
 from deformnb.checks import LARGEST_COORDINATE, any_array, check_fields, real_array
 from deformnb.errors import DeformError
@@ -205,9 +205,8 @@ class _Edges:
 
 _distance_samples = blockwise(lambda edges, places: edges(places.T))
 
-# Places whose arrays stay in the cache, and places times corners up to which NumPy computes the distances: it takes 20
-# ns for each; a compiled function takes 2, 150 ms to be compiled, and half a second where JAX is not in use yet.
-_BLOCK, _FEW, _MANY = 2**13, 2**18, 2**24
+# Coordinates for which NumPy takes as long as a function of JAX to be called; 87 and 9 ns for each of many places.
+_FEW = 256
 
 
 class _Outline(AbstractRegion):
@@ -224,17 +223,13 @@ class _Outline(AbstractRegion):
         p = np.asarray(points, dtype=np.float64)
         if library.loops() is not None:
             return edge_distances(self._edges(np.asarray(self.vertices), np), p.reshape(-1, 2)).reshape(p.shape[:-1])
-        if p.size // 2 * len(self.vertices) > (_FEW if is_jax_imported() else _MANY):
-            return np.asarray(_distance_samples(self.to_jax(), p.reshape(-1, 2).T)).reshape(p.shape[:-1])
-        places, edges = p.reshape(-1, 2), self._edges(np.asarray(self.vertices), np)
-        out = np.empty(len(places))
-        for start in range(0, len(places), _BLOCK):
-            x, y = np.ascontiguousarray(places[start : start + _BLOCK].T)
+        if p.size <= _FEW:
+            x, y = p[..., 0], p[..., 1]
             found = np.full(x.shape, np.inf), np.zeros(x.shape)
-            for edge in zip(*edges, strict=True):
+            for edge in zip(*self._edges(np.asarray(self.vertices), np), strict=True):
                 found = _nearer(found, edge, x, y, np)
-            out[start : start + _BLOCK] = _apply_sign(found, np)
-        return out.reshape(p.shape[:-1])
+            return np.asarray(_apply_sign(found, np))
+        return np.asarray(_distance_samples(self.to_jax(), p.reshape(-1, 2).T)).reshape(p.shape[:-1])
 
     def __call__(self, points: Any) -> Any:
         return _edge_distances(self._edges(jnp.asarray(self.vertices), jnp), jnp.asarray(points))

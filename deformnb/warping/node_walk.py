@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from deformnb._deferred import ndimage
 from deformnb._typing import Floats
 from deformnb.rbf.cuts import Decoupled, Sides
-from deformnb.rbf.evaluation import evaluate_points, leaves_type
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity
 from deformnb.rbf.forward import ForwardFit
@@ -117,11 +116,10 @@ class FitSums:
         if fit.is_identity:
             return np.zeros_like(places)
         dtype = self._type_at(fit, places)
-        own = fit.radial_sum(leaves_type(fit.kernel, dtype))
-        origin, out = own.origin[:, None], np.empty_like(places)
+        out = np.empty_like(places)
         for start in range(0, places.shape[1], _PLACES):
             some = slice(start, start + _PLACES)
-            out[:, some] = evaluate_points((places[:, some] - origin) * own.scale, own.leaves, fit.kernel, dtype)
+            out[:, some] = fit.displacement(places[:, some].T, dtype).T
         return out
 
     def _type_at(self, fit: RBFInterpolant, places: Floats) -> Any:
