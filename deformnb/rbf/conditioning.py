@@ -24,6 +24,7 @@ more than 20000                    DeformError
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -131,6 +132,12 @@ def diameter_of(places: NDArray[np.float64]) -> float:
     >>> round(diameter_of(np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]])), 12)
     5.0
     """
+    return _diameter_of(np.ascontiguousarray(places, np.float64).tobytes(), places.shape[1])
+
+
+@lru_cache(maxsize=8)  # sources do not move during a drag
+def _diameter_of(content: bytes, dim: int) -> float:
+    places = np.frombuffer(content).reshape(-1, dim)
     size = spread_of(places)
     if size == 0.0:
         return 0.0

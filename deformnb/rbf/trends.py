@@ -19,6 +19,7 @@ are its exact optima (S. Umeyama, IEEE PAMI 13 (1991) 376-380, with the dense we
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -208,9 +209,12 @@ def spread_of(places: NDArray[np.float64]) -> float:
     """
     if len(places) == 0:
         return 0.0
-    centred = places - places.mean(axis=0)
-    largest = float(np.abs(centred).max())  # squares of tiny lengths would be zero
-    return largest * float(np.sqrt(((centred / largest) ** 2).sum() / len(places))) if largest > 0 else 0.0
+    centred = places - np.add.reduce(places) / len(places)
+    largest = float(np.maximum.reduce(np.abs(centred), axis=None))  # squares of tiny lengths would be zero
+    if not largest > 0:
+        return 0.0
+    centred /= largest
+    return largest * math.sqrt(float(np.vdot(centred, centred)) / len(places))
 
 
 def are_wide(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from deformnb.rbf.factors import kernel_values
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import KERNELS
@@ -154,3 +155,17 @@ def test_points_too_near_for_a_factor_are_interpolated_by_elimination(kernel: st
     near = replace(points, target=target, source=source)
     fit = fit_rbf(near, kernel=kernel)
     np.testing.assert_allclose(fit.displacement(target), near.displacement, rtol=0, atol=rounding_of(fit))
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_matrix_of_a_kernel_is_that_of_its_formula(kernel: str, dim: int) -> None:
+    rng = np.random.default_rng(dim)
+    x, y = 1e3 + rng.uniform(0, 2, (90, dim)), 1e3 + rng.uniform(0, 2, (110, dim))
+    y[0] = x[0]
+    square = ((x[:, None] - y[None]) ** 2).sum(axis=-1)
+    with np.errstate(all="ignore"):
+        exact = KERNELS[kernel].profile(square)
+    found = kernel_values(x, y, KERNELS[kernel])
+    assert found.flags.writeable
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * np.abs(exact).max())

@@ -16,8 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from deformnb._jax import float64
 from deformnb.errors import DeformError
+from deformnb.native import library
 from deformnb.rbf import evaluation, system
 from deformnb.rbf import interpolant as rbf
+from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import raster_lines
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
@@ -501,6 +503,24 @@ def test_a_picture_far_from_its_origin_is_evaluated_as_fast(monkeypatch: pytest.
         points = ControlPoints.from_arrays(sources(2) + offset, sources(2) + drag(2, 0.2) + offset)
         fit_rbf(points, support=SUPPORT).sample_on_raster(Raster((100, 100), (1.0, 1.0), (offset, offset)))
     assert used == [np.float32, np.float32]
+
+
+@pytest.mark.skipif(not library.levels(), reason="no compiled loops")
+@pytest.mark.parametrize(("noise", "kind"), [(0.2, np.float32), (0.6, np.float64)])
+def test_a_sample_of_the_picture_decides_about_float32_where_its_estimate_is_too_large(
+    noise: float, kind: type, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used, evaluate = [], rbf.evaluate_lattice
+    monkeypatch.setattr(rbf, "evaluate_lattice", lambda *args: used.append(args[-1]) or evaluate(*args))
+    rng = np.random.default_rng(7)
+    target = rng.uniform(0, 256, (600, 2))
+    move = 4 * np.sin(target / 16) + rng.normal(0, noise, target.shape)
+    fit = fit_rbf(ControlPoints.from_arrays(target + move, target), support=45.0)
+    raster = Raster((128, 128), (2.0, 2.0), (0.0, 0.0))
+    assert fit.type_within(3.0, 2.0) is np.float64
+    found = np.moveaxis(fit.sample_on_raster(raster), 0, -1)
+    assert used[-1] is kind
+    np.testing.assert_allclose(found, fit.displacement(raster.points()), atol=SHARES["lattice"] * 2.0)
 
 
 def test_results_are_arrays_of_the_right_kind() -> None:
