@@ -209,7 +209,7 @@ def balls_of(x: Floats, least: int) -> list[Positions]:
         within = row <= reach
         if most < 2:
             within[:] = False
-        elif within.sum() > most:
+        elif np.count_nonzero(within) > most:
             within = row < np.partition(row, most)[most] * (1 - SAME_DISTANCE)
         others = np.flatnonzero(within)
         others = others[others != k]

@@ -173,11 +173,11 @@ def _errors_of(
     sets: Sequence[ControlPoints], radii: Sequence[float], kernel: type[AbstractKernel], trend: str, smoothing: float
 ) -> dict[float, NDArray[np.float64]]:
     """Squared errors of prediction of all sets together by radius; radii that cannot be fitted are missing."""
-    errors = {}
+    errors, balls = {}, dict[Any, Any]()
     for radius in radii:
         with contextlib.suppress(np.linalg.LinAlgError, DeformError):  # the fit itself raises the error
             errors[radius] = np.concatenate(
-                [_squared_errors(points, radius, kernel, trend, smoothing) for points in sets]
+                [_squared_errors(points, radius, kernel, trend, smoothing, balls) for points in sets]
             )
     if not errors:
         return {}
@@ -212,9 +212,19 @@ def _folds(points: ControlPoints, radius: float, kernel: type[AbstractKernel], t
 
 
 def _squared_errors(
-    points: ControlPoints, radius: float, kernel: type[AbstractKernel], trend: str, smoothing: float
+    points: ControlPoints,
+    radius: float,
+    kernel: type[AbstractKernel],
+    trend: str,
+    smoothing: float,
+    known: dict[Any, Any],
 ) -> NDArray[np.float64]:
-    """Squared lengths of the errors of active points that are left out, alone and with those around them."""
+    """Squared lengths of the errors of active points that are left out, alone and with those around them.
+
+    Parameters
+    ----------
+    known : the balls of places that were found for other radii; those of these are added.
+    """
     sample = sample_of(resting_places(points))
     if len(sample) < len(points):
         points = points.take(sample)
@@ -223,7 +233,10 @@ def _squared_errors(
     ready = prepare(points, kernel, radius, find_trend(trend), smoothing)
     is_shrunk = ready.trend in ("affine", "quadratic") and ready.span.ridge.any()
     rule = "similarity" if is_shrunk and kernel.order < 3 else ready.trend
-    balls = balls_of(ready.relative, 1 + parameters_of(ready.trend, points.dim))
+    key = ready.targets.tobytes(), ready.trend
+    if key not in known:
+        known[key] = balls_of(ready.targets - ready.origin, 1 + parameters_of(ready.trend, points.dim))
+    balls = known[key]
     errors = radius * prediction_errors(
         ready.relative, ready.displacements / radius, kernel, rule, smoothing / ready.weights, balls
     )
