@@ -53,6 +53,7 @@ from .volume.transfer import TransferFunction as TransferFunction
 from .volume.transfer import preset as preset
 from .volume.volume import Grid as Grid
 from .volume.volume import Volume as Volume
+from .warping.array_warp import warp_array as warp_array
 from .warping.inverse import invert as invert
 from .warping.mesh import warp_mesh as warp_mesh
 from .warping.points import warp_landmarks as warp_landmarks

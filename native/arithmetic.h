@@ -18,7 +18,8 @@
 #define NAME(STEM) PASTE(PASTE(STEM, _64), KIND)
 #include "nearest.h"
 
-/* PAIR holds two neighbours along x, LOW and HIGH are their values; ROUND gives a voxel, halves upwards. */
+/* PAIR holds two neighbours along x, LOW and HIGH are their values; FOUR, where a word of 32 bits can, holds two pairs, and
+   PART its values. ROUND gives a voxel, halves upwards. */
 #ifdef SMALL_VOXELS
 
 #define VOXEL uint8_t
@@ -27,6 +28,7 @@
 #define LOW(P) ((float)((P) & 255))
 #define HIGH(P) ((float)((P) >> 8))
 #define FOUR uint32_t
+#define WHOLE_WEIGHTS
 #define PART(W, K) ((float)(int32_t)((W) >> 8 * (K) & 255))
 #define ROUND(V) ((uint8_t)(int32_t)((V) + 0.5f))
 #define LOWEST 0

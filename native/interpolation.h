@@ -15,3 +15,4 @@ typedef VOXEL NAME(Voxel);
 #undef HIGHEST
 #undef FOUR
 #undef PART
+#undef WHOLE_WEIGHTS

@@ -1,6 +1,7 @@
 /* The best level of instructions that this processor has: 0 is what every processor of its kind has. Asked of the
    processor itself, since __builtin_cpu_supports knows nothing where zig links. */
 #include "loops.h"
+#include "xla_call.h"
 
 #if defined(__x86_64__)
 #include <cpuid.h>

@@ -59,7 +59,7 @@ def use_level(name: str | None) -> str | None:
 @cache
 def levels() -> tuple[str, ...]:
     """The levels that this processor can run, the best one last; none without the library."""
-    library = _library()
+    library = shared_library()
     if library is None:
         return ()
     best: int = library.deformnb_best_level()
@@ -92,7 +92,7 @@ def why_absent() -> str:
 
 @cache
 def _loops(name: str) -> Loops:
-    library = _library()
+    library = shared_library()
     assert library is not None
     return Loops.in_dll(library, f"deformnb_loops_{name}")
 
@@ -111,7 +111,8 @@ def _path() -> Path:
 
 
 @cache
-def _library() -> ctypes.CDLL | None:
+def shared_library() -> ctypes.CDLL | None:
+    """The library itself; None where it is missing or does not load."""
     try:
         return ctypes.CDLL(str(_path()))
     except OSError:

@@ -239,7 +239,7 @@ def _interpolate_nodes(d: Any, nodes: Any) -> Any:
     return d
 
 
-def _general(
+def read_displaced(
     flat: Any,
     field: Any,
     matrix: Any,
@@ -279,7 +279,7 @@ def _general(
 def _sample_listed(
     flat: Any, d: Any, voxels: Any, matrix: Any, whole: Any, part: Any, fill: Any, **settings: Any
 ) -> Any:
-    """Single voxels (n,) of the output under displacements (3, n), as :func:`_general` gives them.
+    """Single voxels (n,) of the output under displacements (3, n), as :func:`read_displaced` gives them.
 
     voxels : their indices z, y, x in the output, whose tables ``whole`` and ``part`` are.
     """
@@ -290,7 +290,7 @@ def _sample_listed(
         return none, none, z + y + x
 
     row = tuple(component.reshape(1, 1, -1) for component in d)
-    return _general(flat, row, matrix, add(whole), add(part), fill, **settings).reshape(-1)
+    return read_displaced(flat, row, matrix, add(whole), add(part), fill, **settings).reshape(-1)
 
 
 def _sample_extruded(
@@ -310,10 +310,10 @@ def _sample_extruded(
 ) -> Any:
     """A block of the output under a field that moves nothing along the array axis ``normal``.
 
-    flat : as for :func:`_general`.
+    flat : as for :func:`read_displaced`.
     maps : K maps (2, z, y, x) of displacement along the plane's (u, v), of extent 1 along ``normal``.
     weights : (K, n) along ``normal``, or None for one replicated map.
-    matrix : 3 x 2, from (u, v) to input voxels. The rest as for :func:`_general`.
+    matrix : 3 x 2, from (u, v) to input voxels. The rest as for :func:`read_displaced`.
     """
     along = [tuple(-1 if k == axis else 1 for k in range(3)) for axis in range(3)]
     factors = [1] if weights is None else [w.reshape(along[normal]) for w in weights]
@@ -331,6 +331,6 @@ def _sample_extruded(
 
 
 _STATIC = ("shape", "method", "compute", "index")
-general = jit(_general, on_one_thread=True, static_argnames=_STATIC)
+general = jit(read_displaced, on_one_thread=True, static_argnames=_STATIC)
 listed = jit(_sample_listed, on_one_thread=True, static_argnames=_STATIC)
 extruded = jit(_sample_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))
