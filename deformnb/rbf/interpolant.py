@@ -79,8 +79,9 @@ _COMPACT_TERMS, _COMPACT_PARTIAL_SUMS = 14.0, 3.5
 # Errors of derivatives of all centres were a fifth of what this foretells of values at most, for eight kernels of 32 to
 # 600 points.
 _SLOPES = 1 / 3
-# Places are sampled where the estimate is at most this many times the allowed error, every so-manyth row and column.
-_PROBED, _SAMPLED = 16.0, 6
+# Places are sampled where the estimate is at most this many times the allowed error; about so many, of tiles of eight
+# by eight, which few centres reach.
+_PROBED, _SAMPLED, _TILE = 16.0, 1024, 8
 # A kernel beyond its support grows by no more than this power of the distance.
 _STEEPEST_POWER = 5.0
 
@@ -465,8 +466,8 @@ def _is_exact_in_float32(
 ) -> bool:
     """Check by a sample of the places that float32 is exact enough where its estimate, for the worst, says not.
 
-    Of the many centres of compact kernels, in three kinds and six arrangements of 600 to 2048, the estimate was 3
-    to 26 times the largest error of a picture, and that of a sample a third to 1.5 times.
+    The largest error on a picture of 600 to 2048 centres, in three kernels and six arrangements, was 3 to 26 times less
+    than the estimate, and up to 2.5 times that of a sample.
 
     Parameters
     ----------
@@ -475,9 +476,12 @@ def _is_exact_in_float32(
     allowed = SHARES["lattice"] * length
     if not (fit.is_culled and isinstance(summed, PlainLeaves)) or fit.float32_error() > _PROBED * allowed:
         return False
-    few = rows[:, ::_SAMPLED], columns[:, ::_SAMPLED]
-    quick, exact = (evaluate_lattice(*few, summed, fit.kernel, dtype) for dtype in (np.float32, np.float64))
-    return bool(np.abs(quick - exact).max(initial=0.0) <= 0.5 * allowed)
+    stride = max(1, round((rows.shape[1] * columns.shape[1] / _SAMPLED) ** 0.5))
+    i, j = (part.ravel() for part in np.mgrid[: rows.shape[1] : stride, : columns.shape[1] : stride])
+    order = np.lexsort((j // (_TILE * stride), i // (_TILE * stride)))
+    places = rows[:, i[order]] + columns[:, j[order]]
+    quick, exact = (evaluate_points(places, summed, fit.kernel, dtype) for dtype in (np.float32, np.float64))
+    return bool(np.abs(quick - exact).max(initial=0.0) <= 0.4 * allowed)
 
 
 def probe_places(x: NDArray[np.float64]) -> NDArray[np.float64]:
