@@ -30,8 +30,8 @@ _SUMMARY = """### Summary
 Least times: of one thread those of the processor, which other load of the machine changes least. C is the loop that the
 goal of a row names; a goal is met by the time of the faster compiler.
 
-| | | C, gcc | C, clang | numba | best library | / gcc | / clang | / numba | goal | |
-|---|---|---|---|---|---|---|---|---|---|---|"""
+| | deformnb | C, gcc | C, clang | numba | best library | / gcc | / clang | goal | |
+|---|---|---|---|---|---|---|---|---|---|"""
 _PACKAGES = ("jax", "numpy", "scipy", "SimpleITK", "vtk", "scikit-image", "numba")
 
 
@@ -94,9 +94,10 @@ def _peers(row: str) -> dict[str, str]:
 
 
 def _ratios(row: str, own: float, times: Mapping[str, float]) -> dict[str, float]:
-    """Ratios to the peers that are stored, or the number of a row that has none; libraries change too often."""
+    """Ratios to the peers that are stored; libraries change too often. A row without peers has the share of its goal, a
+    fifth at least: below that nothing is better or worse."""
     if not ROWS[row].peer:
-        return {f"{row} / {ROWS[row].unit}": own}
+        return {f"{row} / goal": max(own / ROWS[row].most, 0.2)}
     return {f"{row} / {name}": own / times[peer] for name, peer in _peers(row).items() if peer in times}
 
 
@@ -106,7 +107,7 @@ def _line(row: str, own: float, times: Mapping[str, float], libraries: Mapping[s
     peers = {} if not goal.peer else {peer: times[peer] for peer in _peers(row).values() if peer in times}
     best = min(libraries, key=libraries.__getitem__, default=None)
     numbers = [f"{peers[peer]:.3g}" if peer in peers else "" for peer in _peers(row).values()]
-    shares = [f"{own / peers[peer]:.3g}" if peer in peers else "" for peer in _peers(row).values()]
+    shares = [share and f"{own / float(share):.3g}" for share in numbers[: len(COMPILERS)]]
     is_usual = (options.size, options.points, options.dtype) == (256, 32, "uint8")
     limit = goal.limit(times) if is_usual else None
     verdict = "" if limit is None else "met" if own <= limit else "MISSED"

@@ -316,6 +316,12 @@ def test_the_stored_ratios_are_those_of_rows() -> None:
     assert {name.rpartition(" / ")[0] for run in runs for name in run} <= set(ROWS)
 
 
+def test_the_documentation_has_every_row() -> None:
+    said = (ROOT / "docs" / "speed.md").read_text(encoding="utf-8")
+    table = [line.split("|")[1].strip() for line in said.splitlines() if line.startswith("| ")]
+    assert table[1:] == list(ROWS)
+
+
 def test_every_row_is_measured_once() -> None:
     options = Namespace(size=24, points=32, dtype="uint8", threads=1, rounds=1, loops=True)
     groups = [group for module in (bench_rbf, bench_warp, bench_edits) for group in module.groups(options)]
