@@ -9,6 +9,10 @@
 
 extern const Loops deformnb_loops_base;
 
+typedef int (*Call1)(const void *);
+typedef int (*Call2)(const void *, const void *);
+typedef int (*Call3)(const void *, const void *, const void *);
+
 enum { MOST_STRUCTURES = 3, MOST_ARRAYS = 64 };
 
 static void get(void *to, size_t bytes) {
@@ -30,7 +34,6 @@ static void *get_bytes(int64_t bytes) {
 
 int main(void) {
     int64_t function;
-    const Loops *loops = &deformnb_loops_base;
     while (fread(&function, 1, sizeof function, stdin) == sizeof function) {
         char *job[MOST_STRUCTURES];
         char *array[MOST_ARRAYS];
@@ -45,16 +48,11 @@ int main(void) {
             array[k] = get_bytes(size[k]);
             memcpy(job[structure] + offset, &array[k], sizeof array[k]);
         }
-        const void *a = job[0], *b = structures > 1 ? job[1] : 0, *c = structures > 2 ? job[2] : 0;
+        const void *address = (const char *)&deformnb_loops_base + function * sizeof(void (*)(void));
         int64_t result = -1;
-        switch (function) {
-        case 0: result = loops->general(a, b, c); break;
-        case 1: result = loops->listed(a, b); break;
-        case 2: result = loops->slices(a, b, c); break;
-        case 3: result = loops->rows(a, b, c); break;
-        case 4: result = loops->sum_lattice(a); break;
-        case 5: result = loops->edge_distances(a); break;
-        }
+        if (structures == 1) result = (*(Call1 *)address)(job[0]);
+        if (structures == 2) result = (*(Call2 *)address)(job[0], job[1]);
+        if (structures == 3) result = (*(Call3 *)address)(job[0], job[1], job[2]);
         fwrite(&result, sizeof result, 1, stdout);
         for (int64_t k = 0; k < arrays; k++) {
             if (is_result[k]) fwrite(array[k], 1, size[k], stdout);
