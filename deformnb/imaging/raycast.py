@@ -277,7 +277,7 @@ def windows_of(
 
 def _indices(grid: Grid, plane: Plane) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Matrix and shift from coordinates (u, v, n) of a plane to indices of a grid."""
-    return np.linalg.inv(grid.matrix) @ plane.frame.T, grid.point_to_index(plane.origin)
+    return grid.inverse @ plane.frame.T, grid.point_to_index(plane.origin)
 
 
 @dataclass(frozen=True)

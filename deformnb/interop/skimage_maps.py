@@ -99,7 +99,7 @@ def skimage_coordinates(field: AbstractField | HasField, lattice: Grid | Raster 
         found = skimage_map(field, lattice)(index.reshape(-1, 2)).reshape(index.shape)
         return np.ascontiguousarray(np.moveaxis(found[..., ::-1], -1, 0))
     grid = as_grid(lattice)
-    moves = _field_of_dimension(as_field(field, grid), 3).sample_on_grid(grid) @ np.linalg.inv(grid.matrix).T
+    moves = _field_of_dimension(as_field(field, grid), 3).sample_on_grid(grid) @ grid.inverse.T
     coordinates = np.indices(grid.shape, dtype=np.float64)
     coordinates += np.moveaxis(moves[..., ::-1], -1, 0)
     return coordinates

@@ -418,7 +418,7 @@ def _index(lattice: Grid | Raster, points: Any) -> Any:
     """Fractional index (x, y, z) or (column, row) of points; for NumPy and JAX arrays."""
     if isinstance(lattice, Raster):
         return (points - np.asarray(lattice.origin)) / np.asarray(lattice.spacing)
-    return (points - np.asarray(lattice.origin)) @ np.linalg.inv(lattice.matrix).T
+    return (points - np.asarray(lattice.origin)) @ lattice.inverse.T
 
 
 @pytree(data_fields=[], meta_fields=["dim"])

@@ -631,7 +631,7 @@ def _clamped_index(lattice: Raster | Grid, points: Any, xp: Any) -> tuple[Any, A
     if isinstance(lattice, Raster):
         index, matrix = (points - origin) / np.asarray(lattice.spacing), np.diag(lattice.spacing)
     else:
-        index, matrix = (points - origin) @ np.linalg.inv(lattice.matrix).T, lattice.matrix
+        index, matrix = (points - origin) @ lattice.inverse.T, lattice.matrix
     clamped = xp.clip(index, 0.0, shape - 1.0)
     square = (((index - clamped) @ matrix.T) ** 2).sum(-1)
     return clamped, xp.sqrt(xp.where(square > 0, square, 1.0)) * (square > 0)

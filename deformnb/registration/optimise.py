@@ -67,7 +67,7 @@ class GreyImage:
         volume = as_volume(given)
         low, high = volume.background, volume.value_range[1]
         values = np.clip((volume.finite_values.astype(np.float64) - low) / ((high - low) or 1.0), 0, 1)
-        matrix = np.asarray(np.linalg.inv(volume.grid.matrix)[::-1], np.float64)
+        matrix = np.asarray(volume.grid.inverse[::-1], np.float64)
         return cls(values, matrix, -matrix @ np.asarray(volume.grid.origin))
 
     @property

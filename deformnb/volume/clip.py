@@ -102,7 +102,7 @@ class ClipBox:
 
     def contains(self, lattice: Grid) -> NDArray[np.bool_]:
         """Mask [z, y, x] of the voxels of another grid whose centres are in it."""
-        to_index = np.linalg.inv(self.grid.matrix)
+        to_index = self.grid.inverse
         steps, first = to_index @ lattice.matrix, self.grid.point_to_index(lattice.origin)
         nz, ny, nx = (np.arange(n, dtype=np.float32) for n in lattice.shape)
         held = np.ones(lattice.shape, bool)

@@ -494,6 +494,13 @@ class Grid:
         """3 x 3 map from an index (i, j, k) to a vector in space: direction times spacing."""
         return np.asarray(self.direction) * np.asarray(self.spacing)
 
+    @cached_property
+    def inverse(self) -> NDArray[np.float64]:
+        """3 x 3 map from a vector in space to one in indices (i, j, k)."""
+        inverse = np.asarray(np.linalg.inv(self.matrix), np.float64)
+        inverse.flags.writeable = False
+        return inverse
+
     def to_unit(self, unit: str) -> Grid:
         """The same places in numbers of another unit; where this grid's own or the other one is not known, itself.
 
@@ -579,7 +586,7 @@ class Grid:
 
     def point_to_index(self, points: ArrayLike) -> NDArray[np.float64]:
         """Fractional indices (i, j, k) along x, y, z of points (..., 3) in space."""
-        return (_places(points) - np.asarray(self.origin)) @ np.linalg.inv(self.matrix).T
+        return (_places(points) - np.asarray(self.origin)) @ self.inverse.T
 
     def corners(self, *, centres: bool = False) -> NDArray[np.float64]:
         """The 8 corners of the box in space, shape (8, 3); of the corner voxels' centres if ``centres``."""

@@ -168,7 +168,7 @@ def _tables(
 
 def places(source: Grid, output: Grid, compute: str) -> Places:
     """Places of the voxels of ``output`` in ``source``; ``compute`` is the type of the fractions."""
-    inverse = np.linalg.inv(source.matrix)[::-1]
+    inverse = source.inverse[::-1]
     steps = (inverse @ output.matrix)[:, ::-1]
     start = source.point_to_index(np.asarray(output.origin))[::-1]
     whole, part = _tables(steps, start, output.shape, compute)
@@ -210,7 +210,7 @@ def shared_axis(plane: Plane, source: Grid, output: Grid) -> int | None:
     if np.abs(np.sort(cosines, axis=0)[:2]).max() > _PARALLEL:
         return None
     axis = int(np.argmax(cosines[:, 2]))
-    steps = np.linalg.inv(source.matrix) @ output.matrix
+    steps = source.inverse @ output.matrix
     start = source.point_to_index(np.asarray(output.origin))[axis]
     n_source, n_output = source.shape[2 - axis], output.shape[2 - axis]
     unit = np.eye(3)[axis]
@@ -260,7 +260,7 @@ def _plan_replicated_cut(field: Decoupled, source: Grid, output: Grid, compute: 
 
 def to_voxels(plane: Plane, source: Grid, compute: str) -> NDArray[np.floating[Any]]:
     """3 x 2, from displacement along (u, v) to input voxels (z, y, x)."""
-    return (np.linalg.inv(source.matrix) @ plane_vectors(plane))[::-1].astype(compute)
+    return (source.inverse @ plane_vectors(plane))[::-1].astype(compute)
 
 
 def plane_vectors(plane: Plane) -> NDArray[np.float64]:

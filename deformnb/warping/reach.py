@@ -209,7 +209,7 @@ def _sample_bounds(field: DisplacementField, low: Floats, high: Floats) -> Bound
     """Interpolated values are between the samples around them."""
     grid = field.lattice
     if isinstance(grid, Grid):
-        first, last = _rotate_bounds(np.linalg.inv(grid.matrix), (low - grid.origin, high - grid.origin))
+        first, last = _rotate_bounds(grid.inverse, (low - grid.origin, high - grid.origin))
     else:
         first, last = (low - grid.origin) / grid.spacing, (high - grid.origin) / grid.spacing
     counts = np.array(grid.shape[::-1])
@@ -266,7 +266,7 @@ def source_part(
         raise DeformError(
             "the field is not finite everywhere; look for control points far away or nearly on top of each other."
         )
-    at, moved = source.point_to_index(corners), _rotate_bounds(np.linalg.inv(source.matrix), d)
+    at, moved = source.point_to_index(corners), _rotate_bounds(source.inverse, d)
     more = _ROUNDING + _SPLINE * METHODS[method].is_spline
     counts = np.array(source.shape[::-1])
     still = (moved[0] == 0) & (moved[1] == 0) & np.all(np.abs(at - np.round(at)) < _CENTRE_TOLERANCE, axis=0)

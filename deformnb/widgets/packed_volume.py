@@ -103,7 +103,7 @@ class PackedVolume:
     def frame(self) -> NDArray[np.float64]:
         """3 x 3 rows, from vectors in space to the GPU's frame."""
         grid = self.volume.grid
-        return np.asarray(np.linalg.inv(grid.matrix) * np.asarray(grid.spacing)[:, None])
+        return np.asarray(grid.inverse * np.asarray(grid.spacing)[:, None])
 
     def box(self, grid: Grid | None = None) -> BoxData:
         """The box of a grid (default: the volume's own) along the index axes."""
