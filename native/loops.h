@@ -38,7 +38,7 @@ typedef struct {
     int64_t shape[3];
     const void *fill; /* one voxel: the value of places outside */
     int32_t voxel_type, method;
-    int32_t is_wide; /* places are split in float64: axes of 2^21 voxels and more, int32 and float64 voxels */
+    int32_t is_far; /* places are split in float64: axes of 2^21 voxels and more, int32 and float64 voxels */
     int32_t is_straight; /* input axis a depends on the output axis a and the displacement's component of its name only */
     double matrix[9]; /* [input axis z y x][component x y z]: from displacements to input voxels */
     /* Of output axis o the place along input axis a: whole[o][a * count[o] + i] + part[o][...], both in the type of the

@@ -184,7 +184,7 @@ TRANSPOSE(scatter_slices)
 #include "arithmetic.h"
 
 #define CHOOSE(CALL)                                                                                                   \
-    (source->voxel_type == INT32 || source->voxel_type == FLOAT64 ? CALL(_wide) : source->is_wide ? CALL(_far)         \
+    (source->voxel_type == INT32 || source->voxel_type == FLOAT64 ? CALL(_wide) : source->is_far ? CALL(_far)         \
                                                                                                   : CALL(_near))
 
 static int general(const Source *source, const Field *field, const Target *target) {

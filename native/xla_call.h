@@ -73,7 +73,7 @@ enum { XLA_S8 = 2, XLA_S16 = 3, XLA_S32 = 4, XLA_U8 = 6, XLA_U16 = 7, XLA_U32 = 
 static const int XLA_TYPES[VOXEL_TYPES] = {XLA_U8, XLA_S8, XLA_U16, XLA_S16, XLA_S32, XLA_F32, XLA_F64};
 
 /* samples [z, y, x], displacements [x y z][z, y, x] of the output, whole and part of its three axes and the matrix as
-   doubles in pairs of words, the voxel outside, and: method, is_wide, is_straight. */
+   doubles in pairs of words, the voxel outside, and: method, is_far, is_straight. */
 enum { SAMPLES, DISPLACEMENTS, WHOLE, PART = WHOLE + 3, MATRIX = PART + 3, FILL, SETTINGS, OPERANDS };
 
 static const Loops *xla_loops;
@@ -138,7 +138,7 @@ EXPORT void *deformnb_xla_general(Frame *frame) {
     for (int k = 0; k < 9; k++) source.matrix[k] = matrix[k];
     const int32_t *settings = in[SETTINGS]->data;
     source.method = settings[0];
-    source.is_wide = settings[1];
+    source.is_far = settings[1];
     source.is_straight = settings[2];
     if (source.method != NEAREST && source.method != LINEAR) return xla_error(frame, INVALID_ARGUMENT, misfit);
     if (xla_loops->general(&source, &field, &target) == 1) /* a displacement that is not finite leads outside */

@@ -39,7 +39,7 @@ class Source(ctypes.Structure):
         ("fill", _Address),
         ("voxel_type", ctypes.c_int32),
         ("method", ctypes.c_int32),
-        ("is_wide", ctypes.c_int32),
+        ("is_far", ctypes.c_int32),
         ("is_straight", ctypes.c_int32),
         ("matrix", ctypes.c_double * 9),
         ("whole", _Address * 3),

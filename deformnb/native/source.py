@@ -80,7 +80,7 @@ class VoxelSource:
             fill=self._fill.ctypes.data,
             voxel_type=jobs.VOXEL_TYPES.index(dtype.name),
             method=jobs.INTERPOLATIONS.index(method),
-            is_wide=not is_near,
+            is_far=not is_near,
             is_straight=is_straight,
             whole=tuple(t.ctypes.data for t in tables[0]),
             part=tuple(t.ctypes.data for t in tables[1]),

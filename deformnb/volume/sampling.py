@@ -230,12 +230,15 @@ def _strides(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     return shape[1] * shape[2], shape[2], 1
 
 
+# Shapes of tables along z, y and x.
+_ALONG = ((-1, 1, 1), (-1, 1), (-1,))
+
+
 def _interpolate_nodes(d: Any, nodes: Any) -> Any:
     """A component (z, y, x) at nodes, at the voxels that read them: first along x, then along y and z."""
     for axis in (2, 1, 0) if nodes is not None else ():
         first, weights = nodes[axis]
-        column = (-1,) + (1,) * (2 - axis)
-        d = sum(w.reshape(column) * jnp.take(d, first + k, axis) for k, w in enumerate(weights))
+        d = sum(w.reshape(_ALONG[axis]) * jnp.take(d, first + k, axis) for k, w in enumerate(weights))
     return d
 
 
@@ -252,6 +255,7 @@ def read_displaced(
     method: str,
     compute: str,
     index: str,
+    is_straight: bool = False,
 ) -> Any:
     """A block of the output under any field. Axes of arrays come in the order z, y, x throughout.
 
@@ -260,18 +264,15 @@ def read_displaced(
     matrix : 3 x 3, from physical displacement (x, y, z) to input voxels (z, y, x).
     whole, part : for output axes z, y, x the contribution (3, n) to the input place (z, y, x).
     nodes : None, or for z, y, x the first node that each voxel reads (n,), and the weights (T, n) of nodes from there.
+    is_straight : each input axis depends on the output axis and the displacement of its own name only, so that less is
+        added up.
     """
     d = [_interpolate_nodes(component, nodes).astype(compute) for component in field]
-    (zw, yw, xw), (zp, yp, xp) = whole, part
-    places = [
-        (
-            shape[a],
-            stride,
-            zw[a][:, None, None] + yw[a][:, None] + xw[a],
-            zp[a][:, None, None] + yp[a][:, None] + xp[a] + sum(matrix[a, m] * d[m] for m in range(3)),
-        )
-        for a, stride in enumerate(_strides(shape))
-    ]
+    places = []
+    for a, stride in enumerate(_strides(shape)):
+        axes, components = ((a,), (2 - a,)) if is_straight else (range(3), range(3))
+        w, p = (sum(table[o][a].reshape(_ALONG[o]) for o in axes) for table in (whole, part))
+        places.append((shape[a], stride, w, p + sum(matrix[a, m] * d[m] for m in components)))
     taps, ok = _taps_at(places, method=method, index=index)
     return to_voxel_type(weighted_sum(_reader(flat, method, compute), taps), ok, fill, method)
 
@@ -315,22 +316,21 @@ def _sample_extruded(
     weights : (K, n) along ``normal``, or None for one replicated map.
     matrix : 3 x 2, from (u, v) to input voxels. The rest as for :func:`read_displaced`.
     """
-    along = [tuple(-1 if k == axis else 1 for k in range(3)) for axis in range(3)]
-    factors = [1] if weights is None else [w.reshape(along[normal]) for w in weights]
+    factors = [1] if weights is None else [w.reshape(_ALONG[normal]) for w in weights]
     d = sum(w * m.astype(compute) for w, m in zip(factors, maps, strict=True))
     strides = _strides(shape)
     fixed = _axis_taps(
-        method, Axis(shape[normal], strides[normal], whole[normal][normal].reshape(along[normal]), None), index
+        method, Axis(shape[normal], strides[normal], whole[normal][normal].reshape(_ALONG[normal]), None), index
     )
     others, places = [axis for axis in range(3) if axis != normal], []
     for a in others:
-        w, p = (sum(table[o][a].reshape(along[o]) for o in others) for table in (whole, part))
+        w, p = (sum(table[o][a].reshape(_ALONG[o]) for o in others) for table in (whole, part))
         places.append((shape[a], strides[a], w, p + (matrix[a, 0] * d[0] + matrix[a, 1] * d[1])))
     taps, ok = _taps_at(places, method=method, index=index)
     return to_voxel_type(weighted_sum(_reader(flat, method, compute), [fixed, *taps]), ok, fill, method)
 
 
 _STATIC = ("shape", "method", "compute", "index")
-general = jit(read_displaced, on_one_thread=True, static_argnames=_STATIC)
+general = jit(read_displaced, on_one_thread=True, static_argnames=(*_STATIC, "is_straight"))
 listed = jit(_sample_listed, on_one_thread=True, static_argnames=_STATIC)
 extruded = jit(_sample_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))

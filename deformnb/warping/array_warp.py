@@ -105,6 +105,7 @@ def _differentiable(grid: Grid, output: Grid, fill: float, method: str, has_loop
             method=method,
             compute="float32",
             index="int32",
+            is_straight=at.is_straight,
         )
 
     def compiled(values: Any, d: Any) -> Any:

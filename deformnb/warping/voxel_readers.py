@@ -210,7 +210,14 @@ class JaxReader:
         )
         with self._arithmetic():
             result = sampling.general(
-                self._flat, d, at.matrix, *at.block(block), self._input.fill, nodes, **self._settings
+                self._flat,
+                d,
+                at.matrix,
+                *at.block(block),
+                self._input.fill,
+                nodes,
+                is_straight=at.is_straight,
+                **self._settings,
             )
             return as_numpy(result)[: len(out), : out.shape[1]]
 
