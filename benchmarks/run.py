@@ -112,7 +112,7 @@ def _line(row: str, own: float, times: Mapping[str, float], libraries: Mapping[s
     limit = goal.limit(times) if is_usual else None
     verdict = "" if limit is None else "met" if own <= limit else "MISSED"
     most = "" if limit is None or not goal.peer else f" = {limit:.3g}"
-    cells = [row, f"{own:.3g} {goal.unit}", *numbers, f"{best} {libraries[best]:.3g}" if best else "", *shares]
+    cells = [row, goal.amount(own), *numbers, f"{best} {libraries[best]:.3g}" if best else "", *shares]
     return f"| {' | '.join([*cells, f'{goal}{most}', verdict])} |"
 
 
