@@ -77,6 +77,8 @@ def is_finite(value: object) -> bool:
     >>> is_finite(2), is_finite("2"), is_finite(10**400), is_finite([1.0])
     (True, False, False, False)
     """
+    if type(value) is float:
+        return math.isfinite(value)
     array = real_array(value) if value is not None else None
     return array is not None and array.ndim == 0 and bool(np.isfinite(array))
 
@@ -340,14 +342,14 @@ def _conform_array(kind: Any, value: Any) -> Any:
 
 
 def _conform_tuple(checks: tuple[_Conform, ...], is_long: bool, value: Any) -> Any:
-    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+    is_same = isinstance(value, tuple)
+    if not is_same and (isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable)):
         return _WRONG
     given = tuple(value)
     every = checks * len(given) if is_long else checks
     if len(given) != len(every):
         return _WRONG
     found = [conform(one) for one, conform in zip(given, every, strict=True)]
-    is_same = isinstance(value, tuple)
     for one, before in zip(found, given, strict=True):
         if one is _WRONG:
             return _WRONG
@@ -356,8 +358,6 @@ def _conform_tuple(checks: tuple[_Conform, ...], is_long: bool, value: Any) -> A
 
 
 def _plain_number(value: Any) -> Any:
-    if type(value) is float and math.isfinite(value):
-        return value
     if isinstance(value, bool | np.bool_ | str | bytes) or not is_finite(value):
         return _WRONG
     return value if type(value) in (int, float) else float(np.asarray(value))

@@ -16,6 +16,11 @@ def can_sum(kernel: str) -> bool:
     return kernel in jobs.RADIAL_FUNCTIONS and library.loops() is not None
 
 
+def _contiguous(a: NDArray[Any]) -> NDArray[np.float64]:
+    is_ready = type(a) is np.ndarray and a.dtype == np.float64 and a.flags.c_contiguous and a.flags.aligned
+    return a if is_ready else np.require(a, np.float64, ("C", "A"))
+
+
 def sum_lattice(
     rows: NDArray[np.float64],
     columns: NDArray[np.float64],
@@ -51,8 +56,8 @@ def sum_lattice(
     loops = library.loops()
     dim = len(rows)
     n = len(centers)
-    given = [np.require(a, np.float64, ("C", "A")) for a in (rows, columns, centers, coefficients, linear, constant)]
-    optional = [None if a is None else np.require(a, np.float64, ("C", "A")) for a in (scales, quadratic)]
+    given = [_contiguous(a) for a in (rows, columns, centers, coefficients, linear, constant)]
+    optional = [None if a is None else _contiguous(a) for a in (scales, quadratic)]
     shapes = [(dim, rows.shape[1]), (dim, columns.shape[1]), (n, dim), (n, dim), (dim, dim), (dim,)]
     if dim not in (2, 3) or [a.shape for a in given] != shapes:
         raise ValueError(f"arrays of shapes {[a.shape for a in given]} are no sum over centres.")
