@@ -31,6 +31,13 @@ def values_at_voxels(
         d = interpolate_nodes(d, found.nodes)
     start = np.array([part.start for part in block])
     d = d[:, : grid.shape[0] - start[0], : grid.shape[1] - start[1]]
+    for patch in found.patches:
+        z, y, x = patch.box
+        part = d[:, z.start - start[0] : z.stop - start[0], y.start - start[1] : y.stop - start[1], x]
+        np.copyto(part, interpolate_nodes(np.stack(patch.d), patch.nodes), where=patch.is_own)
+        if patch.is_hidden:
+            opacity = np.ones(d.shape[1:], np.float32) if opacity is None else opacity
+            opacity[z.start - start[0] : z.stop - start[0], y.start - start[1] : y.stop - start[1], x][patch.is_own] = 0
     for voxels, values, share in (*found.exact, *(find() for find in table.replacements())):
         z, y, x = voxels[0] - start[0], voxels[1] - start[1], voxels[2]
         own = (z >= 0) & (z < d.shape[1]) & (y >= 0) & (y < d.shape[2])  # cells may extend beyond the block

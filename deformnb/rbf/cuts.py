@@ -212,20 +212,24 @@ def is_doubtful(
     sides: Sequence[Sides],
     softness: float,
     error: float,
-    xp: Any = np,
-) -> Any:
-    """Check where distances that may be wrong by ``error`` leave :func:`decide` in doubt; parameters as there.
+    errors: Sequence[float],
+) -> NDArray[np.bool_]:
+    """Check where distances that may be wrong leave :func:`decide` in doubt; parameters as there.
+
+    Parameters
+    ----------
+    error : of the distances ``here``; errors : of those ``there``, for each field.
 
     Places surely in a region, whose sources are surely in it too, show these by either rule. Elsewhere there is
     no doubt where all are farther from the border than the opacity falls.
     """
-    most = softness / 2 + error
-    is_sure, is_near = xp.zeros(here[0].shape, dtype=bool), xp.zeros(here[0].shape, dtype=bool)
-    for region, led in zip(sides, there, strict=True):
-        depth, brought = _depth(here, region, xp), _depth(led, region, xp)
-        is_sure = is_sure | (depth > error) & (brought >= most)
-        is_near = is_near | (xp.abs(depth) <= most) | (xp.abs(brought) <= most)
-    return is_near & ~is_sure
+    is_sure, is_near = np.zeros(here[0].shape, dtype=bool), np.zeros(here[0].shape, dtype=bool)
+    for region, led, error_there in zip(sides, there, errors, strict=True):
+        depth, brought = _depth(here, region, np), _depth(led, region, np)
+        most = softness / 2 + error_there
+        is_sure |= (depth > error) & (brought >= most)
+        is_near |= (np.abs(depth) <= softness / 2 + error) | (np.abs(brought) <= most)
+    return np.asarray(is_near & ~is_sure)
 
 
 def _is_own(here: Sequence[Any], region: Sides, xp: Any) -> Any:

@@ -222,11 +222,11 @@ class _Outline(AbstractRegion):
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
         p = np.asarray(points, dtype=np.float64)
         if library.loops() is not None:
-            return edge_distances(self._edges(np.asarray(self.vertices), np), p.reshape(-1, 2)).reshape(p.shape[:-1])
+            return edge_distances(self._own_edges, p.reshape(-1, 2)).reshape(p.shape[:-1])
         if p.size <= _FEW:
             x, y = p[..., 0], p[..., 1]
             found = np.full(x.shape, np.inf), np.zeros(x.shape)
-            for edge in zip(*self._edges(np.asarray(self.vertices), np), strict=True):
+            for edge in zip(*self._own_edges, strict=True):
                 found = _nearer(found, edge, x, y, np)
             return np.asarray(_apply_sign(found, np))
         return np.asarray(_distance_samples(self.to_jax(), p.reshape(-1, 2).T)).reshape(p.shape[:-1])
@@ -234,8 +234,12 @@ class _Outline(AbstractRegion):
     def __call__(self, points: Any) -> Any:
         return _edge_distances(self._edges(jnp.asarray(self.vertices), jnp), jnp.asarray(points))
 
+    @cached_property
+    def _own_edges(self) -> tuple[Any, ...]:
+        return self._edges(np.asarray(self.vertices), np)
+
     def to_jax(self) -> _Edges:
-        edges = self._edges(np.asarray(self.vertices), np)
+        edges = self._own_edges
         full = 1 << (len(edges[0]) - 1).bit_length()
         return _Edges(tuple(part[np.minimum(np.arange(full), len(part) - 1)] for part in edges))
 

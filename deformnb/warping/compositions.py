@@ -92,6 +92,9 @@ _FEW, _TOGETHER = 2**12, 2**15
 # Nodes that are evaluated at a time, and planes of them at least: one more plane is evaluated with each of these parts.
 _NODES_TOGETHER, _LEAST_PLANES = 2**16, 8
 
+# The number of no table of displacements, for cells that are evaluated voxel by voxel.
+_NO_TABLE = -3
+
 # Interpolation reads a node before a cell and one behind it, their fourth differences one more on either side.
 _HALO = 2
 
@@ -107,6 +110,23 @@ class Replacement(NamedTuple):
     opacity: NDArray[np.float32] | None
 
 
+class Patch(NamedTuple):
+    """Voxels of a box that read other nodes than the block around them.
+
+    Attributes
+    ----------
+    box : the voxels of the grid. is_own : [z, y, x] those of the box that read these nodes.
+    d, nodes : as those of :class:`Displacements`.
+    is_hidden : nothing of them is seen.
+    """
+
+    box: tuple[slice, slice, slice]
+    d: tuple[Any, ...]
+    nodes: planning.Tables
+    is_own: NDArray[np.bool_]
+    is_hidden: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Displacements:
     """Displacements of a block of voxels, as the warp's kernel reads them.
@@ -117,12 +137,14 @@ class Displacements:
     nodes : along z, y, x the first node that each voxel reads (n,) and the weights (T, n) of nodes from there; None
         where every voxel has its own.
     opacity : [z, y, x] of displacements at every voxel; None where all is 1.
+    patches : voxels that read other nodes.
     exact : replacements of these displacements, computed on demand.
     """
 
     d: tuple[Any, ...]
     nodes: planning.Tables | None = None
     opacity: NDArray[np.float32] | None = None
+    patches: Sequence[Patch] = ()
     exact: Iterable[Replacement] = ()
 
 
@@ -173,20 +195,16 @@ class NodeTable:
         stop = np.minimum([block[0].stop, block[1].stop, self._grid.shape[2]], self._grid.shape)
         if spacing == self._whole.spacing:
             self._left.append(self._whole.cells.bad(cells))
-            return self._read(
-                self._whole, block, self._cut_replacements(self._whole, cells, np.zeros(3, int), start, stop)
-            )
+            patches, near = self._read_cuts(self._whole, cells, np.zeros(3, int), start, stop)
+            return self._read(self._whole, block, patches, near)
         if spacing > 1:
             grid = planning.lattice(self._grid, block, 1)
             lattice = _Lattice(self._field, grid, spacing, self._error)
             if lattice.cells.best_spacing(_EVERY, (spacing, 1)) == spacing:
                 own = (slice(0, grid.shape[0]), slice(0, grid.shape[1]))
-                return self._read(
-                    lattice,
-                    own,
-                    self._cut_replacements(lattice, _EVERY, start, start, stop),
-                    self._all(lattice.cells.bad(_EVERY), spacing, start, stop),
-                )
+                patches, near = self._read_cuts(lattice, _EVERY, start, start, stop)
+                bad = self._all(lattice.cells.bad(_EVERY), spacing, start, stop)
+                return self._read(lattice, own, patches, chain(near, bad))
         return None
 
     def replacements(self) -> list[Callable[[], Replacement]]:
@@ -211,64 +229,142 @@ class NodeTable:
         d, opacity = self._exact(self._grid.matrix @ index[::-1] + np.asarray(self._grid.origin)[:, None])
         return d, opacity if self._field.has_cuts else None
 
-    def _cut_replacements(
+    def _read_cuts(
         self,
         lattice: _Lattice,
         cells: tuple[slice, slice],
         corner: NDArray[np.intp],
         start: NDArray[np.intp],
         stop: NDArray[np.intp],
-    ) -> Iterator[Replacement]:
-        """The voxels of a block in cells that the border of a cut may cross, a few at a time.
+    ) -> tuple[list[Patch], Iterator[Replacement]]:
+        """The voxels of a block in cells that the border of a cut may cross, or whose nodes are on both sides of one.
 
         corner : the first voxel of the lattice; start, stop : the first voxel and the end of the block.
         """
         border = lattice.cells.cut_cells(cells)
         if not len(border):
-            return
+            return [], iter(())
         box, spacing = lattice.enclosing_box(border), lattice.spacing
         if box is None:
-            yield from self._all(border, spacing, corner, stop)
-            return
-        way, nodes, first, is_bad = box
-        bad = is_bad[tuple((border - first).T)]
-        yield from self._all(border[bad], spacing, corner, stop)
-        known = border[~bad]
-        for k in range(0, len(known), border_cells.MOST_CELLS):
-            some = known[k : k + border_cells.MOST_CELLS]
-            places = self._grid.index_to_point((spacing * some + corner)[:, ::-1]).T
-            *d, opacity, doubt = border_cells.choose(
-                way, nodes, some - first, places, self._grid, spacing, STEEPEST * self._error
-            )
-            index = np.empty((3, *doubt.shape), np.int32)
-            offsets = np.indices((spacing,) * 3).reshape(3, -1, 1)
-            for axis, at in enumerate(border_cells.group_cells(some.T)):
-                np.add((spacing * at + corner[axis])[:, None], offsets[axis], out=index[axis], casting="same_kind")
-            index, values, unclear = index.reshape(3, -1), np.stack([*d, opacity]).reshape(4, -1), doubt.ravel()
-            low, high = spacing * some.min(axis=0) + corner, spacing * (some.max(axis=0) + 1) + corner
-            if (low < start).any() or (high > stop).any():
-                within = ((index >= start[:, None]) & (index < stop[:, None])).all(axis=0)
-                index, values, unclear = index[:, within], values[:, within], unclear[within]
-            exact = np.flatnonzero(unclear)
-            if len(exact):
-                values[:3, exact], values[3, exact] = self._evaluate(index[:, exact])
-            for piece in range(0, index.shape[1], _TOGETHER):
-                taken = _number_batch(index.shape[1], piece)
-                z, y, x = index.take(taken, 1)
-                found = values.take(taken, 1)
-                yield Replacement((z, y, x), found[:3], found[3])
+            return [], self._all(border, spacing, corner, stop)
+        at = tuple((border - box.first).T)
+        bad, shown = box.is_bad[at], box.shown[at]
+        is_near = ~bad & (shown == border_cells.UNCLEAR)
+        near, side = border[is_near], border_cells.part_side(spacing)
+        parts = np.repeat(np.where(bad, _NO_TABLE, shown)[None], (spacing // side) ** 3, axis=0)
+        parts[:, is_near] = self._find_parts(box, near, spacing, corner)
+        patches = self._patches(box, border, parts, spacing, corner, start, stop)
+        return patches, chain(
+            self._all(border[bad], spacing, corner, stop),
+            self._choose(box, near, parts[:, is_near] == border_cells.UNCLEAR, spacing, corner, start, stop),
+        )
 
-    def _read(self, lattice: _Lattice, block: tuple[slice, slice], *exact: Iterator[Replacement]) -> Displacements:
+    def _find_parts(
+        self, box: RegionBox, cells: NDArray[np.intp], spacing: int, corner: NDArray[np.intp]
+    ) -> NDArray[np.intp]:
+        """The tables that the parts of cells (n, 3) show, (parts, n)."""
+        return border_cells.find_tables_of_parts(
+            box.way, box.nodes, cells - box.first, self._first_places(cells, spacing, corner), self._grid, spacing,
+            STEEPEST * self._error,
+        )  # fmt: skip
+
+    def _first_places(self, cells: NDArray[np.intp], spacing: int, corner: NDArray[np.intp]) -> Floats:
+        """Places (3, n) of the first voxels of cells (n, 3)."""
+        return self._grid.index_to_point((spacing * cells + corner)[:, ::-1]).T
+
+    def _patches(
+        self,
+        box: RegionBox,
+        cells: NDArray[np.intp],
+        parts: NDArray[np.intp],
+        spacing: int,
+        corner: NDArray[np.intp],
+        start: NDArray[np.intp],
+        stop: NDArray[np.intp],
+    ) -> list[Patch]:
+        """The voxels of cells (n, 3) whose parts (parts, n) show one table of displacements each."""
+        side = border_cells.part_side(spacing)
+        each, low = spacing // side, cells.min(axis=0)
+        numbers = np.full(each * (cells.max(axis=0) + 1 - low), _NO_TABLE)
+        offsets = np.indices((each,) * 3).reshape(3, -1, 1)
+        numbers[tuple(each * (cells - low).T[:, None] + offsets)] = parts
+        patches = []
+        for number in np.unique(numbers[numbers >= border_cells.STILL]).tolist():
+            is_own, is_hidden = numbers == number, number >= border_cells.HIDDEN + border_cells.STILL
+            table = number - border_cells.HIDDEN * is_hidden
+            tables, some, among, voxels = [], [], [], []
+            for axis in range(3):
+                own = np.flatnonzero(is_own.any(axis=tuple(k for k in range(3) if k != axis)))
+                first, last = spacing * low[axis] + side * own[0], spacing * low[axis] + side * (own[-1] + 1)
+                first, last = max(first, start[axis] - corner[axis]), min(last, stop[axis] - corner[axis])
+                n = np.arange(first, last)
+                begin, end = int(first // spacing - box.first[axis]), int((last - 1) // spacing - box.first[axis])
+                some.append(slice(begin, end + 4))
+                among.append(slice(int(first - spacing * low[axis]), int(last - spacing * low[axis])))
+                tables.append(((n // spacing - first // spacing).astype(np.int32), _cubic_weights(n, spacing)))
+                voxels.append(slice(int(first + corner[axis]), int(last + corner[axis])))
+            if all(part.stop > part.start for part in among):
+                nodes = box.nodes[:3] * 0 if table == border_cells.STILL else box.nodes[3 * table : 3 * table + 3]
+                z, y, x = voxels
+                for axis, part in enumerate(among):
+                    around = slice(part.start // side, -(-part.stop // side))
+                    start_at = part.start - side * around.start
+                    own_part = is_own.take(np.arange(around.start, around.stop), axis).repeat(side, axis)
+                    is_own = own_part.take(np.arange(start_at, start_at + part.stop - part.start), axis)
+                patches.append(Patch((z, y, x), tuple(nodes[:, *some]), tuple(tables), is_own, is_hidden))
+        return patches
+
+    def _choose(
+        self,
+        box: RegionBox,
+        cells: NDArray[np.intp],
+        parts: NDArray[np.bool_],
+        spacing: int,
+        corner: NDArray[np.intp],
+        start: NDArray[np.intp],
+        stop: NDArray[np.intp],
+    ) -> Iterator[Replacement]:
+        """The voxels of some parts (parts, n) of cells (n, 3) that the border of a cut may cross, a few at a time."""
+        side = border_cells.part_side(spacing)
+        each = spacing // side
+        of_part = np.ravel_multi_index(tuple(np.indices((spacing,) * 3).reshape(3, -1) // side), (each,) * 3)
+        offsets = np.indices((spacing,) * 3).reshape(3, -1)
+        has_some = parts.any(axis=0)
+        cells, parts = cells[has_some], parts[:, has_some]
+        for k in range(0, len(cells), border_cells.MOST_CELLS):
+            some = cells[k : k + border_cells.MOST_CELLS]
+            voxel, cell = np.nonzero(parts[:, k : k + border_cells.MOST_CELLS][of_part])
+            index = ((spacing * some.T + corner[:, None])[:, cell] + offsets[:, voxel]).astype(np.int32)
+            within = ((index >= start[:, None]) & (index < stop[:, None])).all(axis=0)
+            if not within.all():
+                index, voxel, cell = index[:, within], voxel[within], cell[within]
+            d, opacity, doubt = border_cells.choose(
+                box.way, box.nodes, some - box.first, self._first_places(some, spacing, corner), self._grid, spacing,
+                STEEPEST * self._error, voxel * len(some) + cell,
+            )  # fmt: skip
+            exact = np.flatnonzero(doubt)
+            if len(exact):
+                d[:, exact], opacity[exact] = self._evaluate(index[:, exact])
+            yield Replacement((index[0], index[1], index[2]), d, opacity)
+
+    def _read(
+        self, lattice: _Lattice, block: tuple[slice, slice], patches: Sequence[Patch], exact: Iterable[Replacement]
+    ) -> Displacements:
         """Displacements in a block of the voxels of a lattice; blocks of one shape have equally many nodes."""
         h, tables, some = lattice.spacing, [], []
         for part, present in zip((*block, slice(0, self._grid.shape[2])), lattice.nodes.shape[1:], strict=True):
             n = np.arange(part.start, part.stop)
             count = min(present, (len(n) + h - 2) // h + 4)
             first = min(part.start // h, present - count)
-            tables.append(((n // h - first).astype(np.int32), np.stack(lagrange(n % h / h)).astype(np.float32)))
+            tables.append(((n // h - first).astype(np.int32), _cubic_weights(n, h)))
             some.append(slice(first, first + count))
         d = tuple(lattice.nodes[:, *some])
-        return Displacements(d, tuple(tables), exact=chain(*exact))
+        return Displacements(d, tuple(tables), patches=patches, exact=exact)
+
+
+def _cubic_weights(voxels: NDArray[np.intp], spacing: int) -> NDArray[np.float32]:
+    """Weights (4, n) of the nodes around voxels."""
+    return np.stack(lagrange(voxels % spacing / spacing)).astype(np.float32)
 
 
 def _pieces(
@@ -292,14 +388,23 @@ def _voxels(cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: N
     return z, y, x
 
 
-def _number_batch(count: int, start: int) -> NDArray[np.intp]:
-    """Numbers from ``start`` below ``count``, as many as are replaced at a time; the last one repeated."""
-    return np.minimum(np.arange(start, start + (_FEW if count - start <= _FEW else _TOGETHER)), count - 1)
+class RegionBox(NamedTuple):
+    """The displacements of all regions at the nodes around some cells.
 
+    Attributes
+    ----------
+    way : through these displacements.
+    nodes : (3 tables, z, y, x), the first ones a node before the first cell.
+    first : index of the first cell.
+    shown : for each cell (z, y, x) the number of its table, as :func:`~deformnb.warping.border_cells.find_tables`
+        finds it. is_bad : the cells that bend too much to be interpolated.
+    """
 
-RegionBox = tuple[Any, NDArray[np.float32], NDArray[np.intp], NDArray[np.bool_]]
-"""The path through the displacements of all regions, these at nodes (z, y, x, 3 tables), the first cell, and the cells
-(z, y, x) that are not interpolated."""
+    way: Any
+    nodes: NDArray[np.float32]
+    first: NDArray[np.intp]
+    shown: NDArray[np.intp]
+    is_bad: NDArray[np.bool_]
 
 
 class _Cells:
@@ -407,8 +512,13 @@ class _Lattice:
         is_bad = ~(_reduce_cells(error, 2, np.maximum) <= self.cells.allowed)
         is_bad |= _reduce_cells(walk.marks[1:-1, 1:-1, 1:-1], 4, np.bitwise_or) & BENT > 0
         is_bad |= (NARROWEST * _reduce_cells(walk.widths[1:-1], 4, np.maximum) > 1)[:, None, None]
-        nodes = np.moveaxis(np.concatenate(tables)[:, 1:-1, 1:-1, 1:-1], 0, -1)
-        return way, np.ascontiguousarray(nodes), first, is_bad
+        nodes = np.ascontiguousarray(np.concatenate(tables)[:, 1:-1, 1:-1, 1:-1])
+        inner = slice(_HALO, -_HALO - 1)
+        middles = places[:, inner, inner, inner] + self._grid.matrix.sum(axis=1).reshape(3, 1, 1, 1) * (
+            (self.spacing - 1) / 2
+        )
+        shown = border_cells.find_tables(way, nodes, middles, self.spacing, STEEPEST * self.cells.allowed)
+        return RegionBox(way, nodes, first, shown, is_bad)
 
     def _places(self, first: Any, shape: Any) -> Floats:
         """Places (3, z, y, x) of nodes, the first of them two before the first voxel of a cell."""

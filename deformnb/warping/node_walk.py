@@ -285,9 +285,7 @@ class Walk:
 
     def distances(self, field: Decoupled, places: Floats) -> Floats:
         """Signed distances (cuts, z, y, x) of places to the cuts of a field."""
-        if field.plane is not None:
-            places = rotate(field.plane.frame[:2], places - _column(field.plane.origin))
-        return _distances(field.regions, self._walk_unique(places))
+        return _distances(field.regions, self._walk_unique(_cut_coordinates(field, places)))
 
     def _mark(self, some: NDArray[np.bool_], mark: int) -> None:
         self.marks[...] |= (mark * some).astype(np.uint8)
@@ -295,7 +293,7 @@ class Walk:
 
 def depth_in(side: Sides, distances: Floats) -> Floats:
     """Depth (...) within a region of places with signed distances (cuts, ...); negative outside."""
-    return np.asarray((_column(np.where(side, -1.0, 1.0)) * distances).min(axis=0))
+    return np.asarray(np.min([-d if inside else d for d, inside in zip(distances, side, strict=True)], axis=0))
 
 
 def _bounding_box(some: NDArray[np.bool_]) -> tuple[slice, ...]:
@@ -309,7 +307,25 @@ def _bounding_box(some: NDArray[np.bool_]) -> tuple[slice, ...]:
 
 def reach_of(field: Decoupled, places: Floats) -> float:
     """The depth from which on no place in the cells around these nodes sees anything of a cut."""
-    return _change(places, field.regions) + field.softness
+    return farthest_of(field, places) + field.softness
+
+
+def farthest_of(field: Decoupled, places: Floats) -> float:
+    """A bound of how distances to cuts differ between any place in a cell and its nearest node, for these places."""
+    return _change(_cut_coordinates(field, places), field.regions)
+
+
+def cut_distances(field: Decoupled, places: Floats) -> Floats:
+    """Signed distances (cuts, ...) of places (dim, ...) to the cuts of a field."""
+    return _distances(field.regions, _cut_coordinates(field, places))
+
+
+def _cut_coordinates(field: Decoupled, places: Floats) -> Floats:
+    """Places in the coordinates of the cuts."""
+    if field.plane is None:
+        return places
+    origin = np.reshape(field.plane.origin, (-1, *[1] * (places.ndim - 1)))
+    return rotate(field.plane.frame[:2], places - origin)
 
 
 def _column(values: Any) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
@@ -71,7 +71,7 @@ class VoxelReader(Protocol):
         """Make replicated edits along an array axis as fast as they can be, at the cost of a copy."""
 
     def read_block(
-        self, out: NDArray[Any], block: BlockSlices, d: tuple[Any, ...], nodes: Tables | None
+        self, out: NDArray[Any], block: Sequence[slice], d: tuple[Any, ...], nodes: Tables | None
     ) -> NDArray[Any]:
         """The voxels of a block whose displacements are known, at all voxels or at nodes; in ``out`` or elsewhere."""
 
@@ -129,7 +129,7 @@ class CompiledReader:
             self._turned[axis] = self._make(np.ascontiguousarray(self._input.samples.transpose(order)), order)
 
     def read_block(
-        self, out: NDArray[Any], block: BlockSlices, d: tuple[Any, ...], nodes: Tables | None
+        self, out: NDArray[Any], block: Sequence[slice], d: tuple[Any, ...], nodes: Tables | None
     ) -> NDArray[Any]:
         """The voxels of a block."""
         nz, ny = out.shape[:2]  # blocks may end beyond the output
@@ -139,7 +139,7 @@ class CompiledReader:
         else:
             nodes = tuple((first[:n], w[:, :n]) for (first, w), n in zip(nodes, out.shape, strict=True))
         try:
-            self._source.read_box(out, (block[0].start, block[1].start, 0), moves, nodes)
+            self._source.read_box(out, (*(part.start for part in block), 0)[:3], moves, nodes)
         except NotFiniteError:
             raise DeformError(planning.NOT_FINITE) from None
         return out
@@ -201,7 +201,7 @@ class JaxReader:
         """Nothing: the order of axes hardly matters there."""
 
     def read_block(
-        self, out: NDArray[Any], block: BlockSlices, d: tuple[Any, ...], nodes: Tables | None
+        self, out: NDArray[Any], block: Sequence[slice], d: tuple[Any, ...], nodes: Tables | None
     ) -> NDArray[Any]:
         """The voxels of a block, which may end beyond the output."""
         at = self._input.places

@@ -30,7 +30,7 @@ from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import DTYPES, Grid, Volume, VolumeLike, as_grid, as_output, as_volume, as_volumes
 from deformnb.warping import planning
-from deformnb.warping.compositions import ComposedEvaluator, Displacements, Replacement
+from deformnb.warping.compositions import ComposedEvaluator, Displacements, Patch, Replacement
 from deformnb.warping.map_checks import add_cautions, map_notes
 from deformnb.warping.modulated_cuts import CutPlan, plan_cut
 from deformnb.warping.result_memory import ResultMemory
@@ -299,6 +299,13 @@ class Warper:
         result = self._reader.read_block(out, block, own.d, own.nodes)
         return result if own.opacity is None else self._fade(result, own.opacity[: len(out), : out.shape[1]])
 
+    def read_patch(self, out: NDArray[Any], patch: Patch) -> None:
+        """Those voxels of a box that read other nodes, in ``out``."""
+        found = self._fill
+        if not patch.is_hidden:
+            found = self._reader.read_block(np.empty(out.shape, out.dtype), patch.box, patch.d, patch.nodes)
+        np.copyto(out, found, where=patch.is_own)
+
     def read_voxels(self, known: Replacement, matrix: NDArray[Any] | None = None) -> NDArray[Any]:
         """Single voxels, whose displacements are known."""
         result = self._reader.read_voxels(known.voxels, known.d, matrix)
@@ -387,6 +394,8 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
             own = chain.block(block)
         for k, warper in enumerate(warpers):
             store(outs, k, block, warper.read_block(outs[k][block], own, block), is_final=by_lattice)
+            for patch in own.patches:
+                warper.read_patch(outs[k][patch.box], patch)
         for known in own.exact:
             replace(known)
 
