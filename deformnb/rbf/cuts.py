@@ -406,6 +406,13 @@ class Decoupled(AbstractField):
         moves : displacements (..., dim) of all fields there.
         """
         places = self._cut_coordinates([x, *(x + d for d in moves)], np)
+        return self._choose_among(places)
+
+    def choose_in_plane(self, x: NDArray[np.float64], moves: Sequence[NDArray[Any]]) -> tuple[Any, Any]:
+        """:meth:`choose` at places x (..., 2) by displacements (..., 2), both in the coordinates of the cuts."""
+        return self._choose_among([x, *(x + d for d in moves)])
+
+    def _choose_among(self, places: Sequence[NDArray[np.float64]]) -> tuple[Any, Any]:
         here, *there = ([r.signed_distance(p) for r in self.regions] for p in places)
         return decide(here, there, self.sides, self.rule, self.softness)
 

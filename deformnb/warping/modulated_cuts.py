@@ -1,49 +1,32 @@
 """Warping with cuts whose displacement changes with depth, on a grid along the picture's plane.
 
 The visible region is decided at every voxel anew, since a modulated cut opens differently on every slice. All that
-does not depend on depth is made once: every region's maps on one slice of voxels, and the distances to the cuts on a
-raster somewhat larger than the cuts' surroundings, read linearly where a displacement leads. Along straight cuts that
-is exact, at a corner off by less than a fifth of a pixel.
+does not depend on depth is made once: every region's maps on one slice of voxels, and their distances to the cuts.
 
 Both rules show the region of a place x itself, and all of it, where that moves x to a place well within itself. So only
-the pixels that their own region moves across a cut on some slice, or near one, are computed exactly.
+pixels that their own region moves across a cut, or near one, are computed, on the slices where it may do so.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._jax import each, jit, jnp, lax
-from deformnb.rbf.cuts import Decoupled, decide
-from deformnb.rbf.evaluation import few_sizes
+from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
-from deformnb.rbf.fields import AbstractField, raster_lines
-from deformnb.volume.plane import Plane, Raster
+from deformnb.rbf.fields import AbstractField
+from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
 from deformnb.warping.compositions import Replacement
-from deformnb.warping.planning import Extruded, check_finite, parts, shared_axis, to_voxels
-
-# Pixels that are computed together, and slices at most: few pixels are filled up for nothing, many cost fewer calls.
-_TOGETHER, _SLICES = 1024, 256
+from deformnb.warping.node_walk import STEEPEST
+from deformnb.warping.planning import Extruded, check_finite, shared_axis, to_voxels
 
 # Groups of slices of similar weights in which pixels are sought that their own region moves across a cut, and pixels
-# that are read at a time.
-_GROUPS, _READ_TOGETHER = 32, 4096
-
-# Displacements that lead farther than this share of the picture see the distances of the raster's edge, whose sign is
-# right for all but closed cuts out there.
-_MARGIN = 0.5
-
-# The sides of the raster of distances are a multiple of these pixels.
-_RASTER_MULTIPLE = 64
-
-# The picture of a small part of a volume is taken to be as large as this, in pixels.
-_LEAST_PIXELS = 1024
+# that are computed together.
+_GROUPS, _TOGETHER = 32, 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,30 +38,24 @@ class CutPlan:
     apart : the displacement as if no tissue could come from another region: right wherever a cut is far.
     pixels : (2, P) rows and columns of the pixels, in the order of the two array axes across the normal, so near a cut
         that it may open or close there.
-    maps : every region's maps (R, K, 2, P) there.
-    here : (C, P) distances to the cuts, read off the raster.
-    places : (2, P) index of these pixels in the raster of distances, columns first.
-    distances : (C, rows, columns) on that raster; scale : (2,) its pixels per length.
+    maps : every region's maps (R, K, P, 2) there. places : (P, 2) of these pixels in the picture.
+    leaves : slices along the normal, and numbers of the pixels where the cut may open or close there.
     field : whose plan this is.
     """
 
     apart: Extruded
     pixels: NDArray[np.intp]
     maps: NDArray[np.float32]
-    here: NDArray[np.float32]
-    places: NDArray[np.float32]
-    distances: NDArray[np.float32]
-    scale: NDArray[np.float32]
+    places: NDArray[np.float64]
+    leaves: list[tuple[slice, NDArray[np.intp]]]
     field: Decoupled
 
     def parts(self) -> list[tuple[slice, NDArray[np.intp]]]:
-        """Slices along the normal and numbers of pixels that are computed together; the last one may be repeated."""
-        weights, last = self.apart.weights, self.pixels.shape[1] - 1
-        assert weights is not None
+        """Slices along the normal and numbers of pixels that are computed together."""
         return [
-            (depth, np.minimum(np.arange(first, first + _TOGETHER), last))
-            for depth in parts(weights.shape[1], _SLICES)
-            for first in range(0, last + 1, _TOGETHER)
+            (depth, some[first : first + _TOGETHER])
+            for depth, some in self.leaves
+            for first in range(0, len(some), _TOGETHER)
         ]
 
     @property
@@ -91,38 +68,17 @@ class CutPlan:
 
     def replacement(self, depth: slice, some: NDArray[np.intp]) -> Replacement:
         """The voxels of one of the parts, their displacements along u and v, and their opacity."""
-        d, opacity = self._evaluate(depth, some)
+        assert self.apart.weights is not None
+        moves = _weigh(self.apart.weights[:, depth], self.maps.take(some, axis=2))
+        choice, opacity = self.field.choose_in_plane(np.broadcast_to(self.places[some], moves.shape[1:]), list(moves))
+        d = np.zeros((3, choice.size), np.float32)
+        for k, move in enumerate(moves):
+            np.copyto(d[:2], move.reshape(-1, 2).T, where=choice.ravel() == k)
         row, column = self.pixels[:, some].astype(np.int32)
         voxels = [row, column]
         voxels.insert(self.apart.normal, np.arange(depth.start, depth.stop, dtype=np.int32)[:, None])
-        index = np.broadcast_arrays(*voxels)
-        moves = np.moveaxis(np.asarray(d), self.apart.normal + 1, 1)[:, :, 0]
-        u, v = moves.reshape(2, -1)
-        share = np.moveaxis(opacity, self.apart.normal, 0)[:, 0]
-        z, y, x = (i.ravel() for i in index)
-        return Replacement((z, y, x), (u, v, np.zeros_like(u)), share.ravel())
-
-    def _evaluate(self, depth: slice, some: NDArray[np.intp]) -> tuple[Any, NDArray[np.float32]]:
-        """Displacements along u and v (2, z, y, x) and opacity [z, y, x] of one of the parts.
-
-        Of the two axes across the normal the first has extent 1, and the second is that of the pixels.
-        """
-        normal, weights = self.apart.normal, self.apart.weights
-        assert weights is not None
-        maps, here, places = (a[..., None, some] for a in (self.maps, self.here, self.places))
-        d, opacity = _displace(
-            maps,
-            weights[:, depth],
-            here,
-            places,
-            self.distances,
-            self.scale,
-            np.float32(self.field.softness),
-            sides=self.field.sides,
-            rule=self.field.rule,
-            normal=normal,
-        )
-        return d, np.asarray(opacity)
+        z, y, x = (index.ravel() for index in np.broadcast_arrays(*voxels))
+        return Replacement((z, y, x), d, opacity.ravel().astype(np.float32))
 
 
 def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> CutPlan | None:
@@ -149,24 +105,15 @@ def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
         np.copyto(own, regional, where=is_own)
     apart = Extruded(normal, own, weights, to_voxels(plane, source, compute))
     largest = np.abs(weights).max(axis=1)
-    least = field.softness / 2  # in its own region a place that is read to be as deep as this is opaque
-    farthest = _reach(own, largest) + max(output.spacing)  # linear reading errs by less than a voxel
-    some = np.flatnonzero(np.abs(here).min(axis=0) < farthest + least)
-    near, maps, own, here = (_take(a, some) for a in (np.moveaxis(at, -1, 0), maps, own, here))
-    reach = max(float(_reach(regional, largest).max(initial=0.0)) for regional in maps)
-    raster = _surrounding_raster(
-        near, reach, float((np.ptp(rows, axis=1) + np.ptp(columns, axis=1)).max()), output, normal
-    )
-    centres = _outer_sum(*raster_lines(raster))
-    distances = np.stack([r.signed_distance(centres) for r in field.regions]).astype(np.float32)
-    scale = (1 / np.asarray(raster.spacing)).astype(np.float32)
-    places = ((near - np.asarray(raster.origin)[:, None]) * scale[:, None]).astype(np.float32)
-    # Read as the places are where a displacement leads, so that what does not move is opaque at corners too.
-    read, leaves = _read(own, weights, here < 0, places, distances, scale, least)
-    on_cut = (np.abs(read) < 1e-3 * min(raster.spacing)) & ((read < 0) != (here < 0))  # there rounding decides no side
-    read = np.where(on_cut, np.where(here < 0, -1e-9, 0.0), read).astype(np.float32)
-    pixels = np.stack(np.unravel_index(some[leaves], at.shape[:2]))
-    return CutPlan(apart, pixels, maps[..., leaves], read[:, leaves], places[:, leaves], distances, scale, field)
+    least = field.softness / 2  # in its own region a place as deep as this is opaque
+    some = np.flatnonzero(np.abs(here).min(axis=0) < STEEPEST * _reach(own, largest) + least)
+    places = at.reshape(-1, 2)
+    groups, leaves = _leaving(field, _take(own, some), weights, _take(here, some) < 0, places[some], least)
+    kept = leaves.any(axis=0)
+    numbers = [(group, np.flatnonzero(far)) for group, far in zip(groups, leaves[:, kept], strict=True)]
+    some = some[kept]
+    pixels = np.stack(np.unravel_index(some, at.shape[:2]))
+    return CutPlan(apart, pixels, np.moveaxis(_take(maps, some), 2, 3).copy(), places[some], numbers, field)
 
 
 def _take(values: NDArray[Any], some: NDArray[np.intp]) -> Any:
@@ -209,124 +156,33 @@ def _outer_sum(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArr
     return np.moveaxis(rows[:, :, None] + columns[:, None, :], 0, -1)
 
 
-def _surrounding_raster(at: NDArray[np.float64], reach: float, size: float, output: Grid, normal: int) -> Raster:
-    """A raster of the places up to ``reach`` from some (2, n), on a picture as large as ``size``."""
-    step = min(s for k, s in enumerate(output.spacing) if k != 2 - normal)
-    margin = min(reach, _MARGIN * max(size, _LEAST_PIXELS * step)) + 2 * max(output.spacing)
-    low, high = (end(at, axis=1) if at.size else np.zeros(2) for end in (np.min, np.max))
-    # Every shape is compiled for anew, and every drag leads elsewhere.
-    columns, rows = (
-        _RASTER_MULTIPLE * few_sizes(int(n / (_RASTER_MULTIPLE * step)) + 1) for n in high - low + 2 * margin + step
-    )
-    return Raster((rows, columns), (step, step), tuple((low - margin).tolist()))
-
-
-def _read(
-    moved: NDArray[np.float32],
+def _leaving(
+    field: Decoupled,
+    own: NDArray[np.float32],
     weights: NDArray[np.float32],
     inside: NDArray[np.bool_],
-    places: NDArray[np.float32],
-    distances: NDArray[np.float32],
-    scale: NDArray[np.float32],
+    places: NDArray[np.float64],
     least: float,
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """The distances (C, n) read at places (2, n), and which of these may be led, on some slice, to where they are less
-    than ``least`` deep in their own region.
+) -> tuple[list[slice], NDArray[np.bool_]]:
+    """Groups of slices, and which of the pixels at places (P, 2) their own maps (K, 2, P), by weights (K, slices), may
+    lead there to where they are less than ``least`` deep in their own region: (groups, P).
 
-    moved : the maps of their own regions (K, 2, n), with weights (K, slices).
-    inside : (C, n) own sides of the cuts.
+    inside : (C, P) own sides of the cuts.
     """
-    groups = [weights[:, part] for part in parts(weights.shape[1], -(-weights.shape[1] // _GROUPS))]
-    low, high = (np.stack([end(group, axis=1) for group in groups]) for end in (np.min, np.max))
-    count = places.shape[1]
-    read, leaves = np.zeros(inside.shape, np.float32), np.zeros(count, bool)
-    for first in range(0, count, _READ_TOGETHER):
-        at = np.minimum(np.arange(first, first + _READ_TOGETHER), count - 1)
-        found = _read_some(
-            moved[..., at],
-            (low + high) / 2,
-            (high - low) / 2,
-            inside[:, at],
-            places[:, at],
-            distances,
-            scale,
-            np.float32(least),
-        )
-        here = slice(first, first + _READ_TOGETHER)
-        read[:, here], leaves[here] = (np.asarray(a)[..., : count - first] for a in found)
-    return read, leaves
+    count = weights.shape[1]
+    size = -(-count // _GROUPS)
+    groups = [slice(start, min(start + size, count)) for start in range(0, count, size)]
+    length, sides = np.hypot(own[:, 0], own[:, 1]), np.where(inside, -1.0, 1.0)
+    low, high = (np.stack([end(weights[:, group], axis=1) for group in groups], axis=1) for end in (np.min, np.max))
+    (led,) = _weigh((low + high) / 2, np.moveaxis(own, 1, 2)[None])
+    within = least + STEEPEST * np.tensordot((high - low) / 2, length, (0, 0))
+    there = [r.signed_distance(places + led) for r in field.regions]
+    return groups, (sides[:, None] * there).min(axis=0) < within
 
 
-@partial(jit, on_one_thread=True)
-def _read_some(
-    moved: Any, weights: Any, spreads: Any, inside: Any, places: Any, distances: Any, scale: Any, least: Any
-) -> tuple[Any, Any]:
-    sides = jnp.where(inside, -1.0, 1.0)
-    length = jnp.sqrt(moved[:, 0] ** 2 + moved[:, 1] ** 2)
-
-    def one_group(leaves: Any, group: tuple[Any, Any]) -> tuple[Any, None]:
-        w, spread = group
-        d = sum(w[k] * m for k, m in enumerate(moved))
-        x, y = places[0] + scale[0] * d[0], places[1] + scale[1] * d[1]
-        # Linear interpolation between distances changes by the square root of 2 per length at most.
-        within = least + 2**0.5 * sum(spread[k] * a for k, a in enumerate(length))
-        for side, table in zip(sides, distances, strict=True):
-            leaves = leaves | (side * _look_up(table, x, y) < within)
-        return leaves, None
-
-    leaves, _ = lax.scan(one_group, jnp.zeros(places.shape[1], bool), (weights, spreads))
-    return jnp.stack([_look_up(table, places[0], places[1]) for table in distances]), leaves
-
-
-def _look_up(table: Any, x: Any, y: Any) -> Any:
-    """A raster read linearly at columns x and rows y, constant beyond its edges."""
-    rows, columns = table.shape
-    flat, length = table.reshape(-1), (rows - 1) * columns - 1
-    (i, s), (j, t) = _cell(x, columns), _cell(y, rows)
-    # Each neighbour in a separate part of the raster, all of one length: the index is then tested once for all four.
-    a, b, c, d = (
-        lax.slice_in_dim(flat, n, n + length)
-        .at[j * columns + i]
-        .get(mode="promise_in_bounds", wrap_negative_indices=False)
-        for n in (0, 1, columns, columns + 1)
-    )
-    return (a * (1 - s) + b * s) * (1 - t) + (c * (1 - s) + d * s) * t
-
-
-def _cell(place: Any, count: int) -> tuple[Any, Any]:
-    """The node before a place on an axis of ``count`` nodes, and the distance from there."""
-    place = jnp.clip(place, 0.0, count - 1.001)
-    node = jnp.minimum(jnp.floor(place), count - 2)
-    # Read off the bits of node + 2^23: XLA's own conversion tests one place at a time, and takes twice as long. A place
-    # that is not a number must lead to some node, too.
-    number = lax.bitcast_convert_type(node + np.float32(2**23), jnp.int32) - np.int32(0x4B000000)
-    return jnp.clip(number, 0, count - 2), place - node
-
-
-@partial(jit, on_one_thread=True, static_argnames=("sides", "rule", "normal"))
-def _displace(
-    maps: Any,
-    weights: Any,
-    here: Any,
-    places: Any,
-    distances: Any,
-    scale: Any,
-    softness: Any,
-    *,
-    sides: Any,
-    rule: str,
-    normal: int,
-) -> tuple[Any, Any]:
-    def one_slice(w: Any) -> tuple[Any, Any]:  # its arrays stay in the cache; all slices at once took 5 times as long
-        moves = [sum(w[k] * regional[k] for k in range(len(w))) for regional in maps]
-        at = [(places[0] + scale[0] * d[0], places[1] + scale[1] * d[1]) for d in moves]
-        # The barrier prevents XLA from sampling everything again for each use.
-        there = lax.optimization_barrier([[_look_up(table, x, y) for table in distances] for x, y in at])
-        choice, opacity = decide(list(here), there, sides, rule, softness, jnp)
-        total = jnp.zeros_like(moves[0])
-        for r, d in enumerate(moves):
-            total = jnp.where(choice == r, d, total)
-        return total, opacity
-
-    total, opacity = each(one_slice, weights.T)
-    return jnp.moveaxis(total, 0, normal + 1), jnp.moveaxis(opacity, 0, normal)
+def _weigh(weights: NDArray[np.float32], maps: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Sums (R, slices, P, 2) of maps (R, K, P, 2) by weights (K, slices)."""
+    total = weights[0][:, None, None] * maps[:, 0, None]
+    for k, w in enumerate(weights[1:], 1):
+        total += w[:, None, None] * maps[:, k, None]
+    return total
