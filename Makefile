@@ -17,8 +17,8 @@ check:  ## set up what is missing, then lint, check types and the direction of i
 bench:  ## set up what is missing, then compare the speed with other packages (ARGS="--size 128")
 	@sh run bench $(ARGS)
 
-native:  ## compile the loops over voxels and centres, where they have changed
-	@sh run native
+native:  ## compile the loops over voxels and centres, where they have changed (ARGS="linux-arm64" for that platform)
+	@sh run native $(ARGS)
 
 bundle:  ## bundle the JavaScript of the widgets, where it has changed (ARGS="--debug" for a debugger)
 	@sh run bundle $(ARGS)

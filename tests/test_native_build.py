@@ -39,6 +39,21 @@ def test_a_machine_without_a_compiler_is_told_what_to_do(monkeypatch: pytest.Mon
     assert caught.value.status == 3
 
 
+def test_a_machine_with_ziglang_alone_compiles_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(native_build.shutil, "which", lambda _: None)
+    monkeypatch.setattr(native_build.importlib.util, "find_spec", lambda _: object())
+    assert native_build.find_compiler()[1:] == ["-m", "ziglang", "cc"]
+
+
+def test_gcc_of_windows_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(native_build.shutil, "which", lambda name: name)
+    monkeypatch.setattr(native_build.importlib.util, "find_spec", lambda _: object())
+    with monkeypatch.context() as patch:  # pytest's own paths need the true name
+        patch.setattr(native_build.os, "name", "nt")
+        found = native_build.find_compiler()
+    assert found[1:] == ["-m", "ziglang", "cc"]
+
+
 def test_a_compiler_that_fails_is_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("voxel_warp.c", "radial_sums.c", "levels.c"):
         (tmp_path / name).write_text("this is no C", encoding="utf-8")

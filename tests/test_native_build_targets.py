@@ -87,6 +87,26 @@ def test_a_wheel_has_the_tag_and_the_library_of_its_target(name: str, tmp_path: 
         assert archive.read(inside[0]) == library.read_bytes()
 
 
+def test_a_wheel_without_loops_serves_all_platforms(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling", reason="hatchling builds wheels: pip install hatchling")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    environment = {**os.environ, "DEFORMNB_NATIVE": "off"}
+    subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True)
+    (wheel,) = tmp_path.iterdir()
+    assert wheel.name.endswith("-py3-none-any.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        assert not [entry for entry in archive.namelist() if entry.startswith("deformnb/native/lib/")]
+
+
+def test_ziglang_alone_compiles_for_this_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("ziglang", reason="pip install ziglang")
+    monkeypatch.setattr(native_build.shutil, "which", lambda _: None)
+    monkeypatch.setattr(native_build, "FOLDER", tmp_path)
+    made = native_build.build()
+    assert made.parent == tmp_path
+    assert ctypes.CDLL(str(made)).deformnb_best_level() >= 0
+
+
 def test_a_target_that_is_not_there_ends_the_build_of_a_wheel(tmp_path: Path) -> None:
     pytest.importorskip("hatchling", reason="hatchling builds wheels: pip install hatchling")
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]

@@ -153,10 +153,9 @@ def check_loops() -> Check:
 
     level = library.level()
     if level == "off":
-        found = f"none, so JAX reads the voxels: {library.why_absent()}"
-        return Check(
-            "compiled loops", False, found, "install a wheel of this platform, or a C compiler before building"
-        )
+        why = library.why_absent()
+        remedy = "unset it" if library.levels() else "install a wheel of this platform, or a C compiler before building"
+        return Check("compiled loops", False, f"none, so JAX reads the voxels: {why}", remedy)
     return Check("compiled loops", True, f"level {level} of {', '.join(library.levels())}")
 
 
