@@ -9,7 +9,22 @@ import sys
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
+from random_warps import (
+    DTYPES,
+    OUTPUT,
+    TypedReader,
+    random_extrusion,
+    random_input,
+    random_moves,
+    read_everything,
+    read_extrusion,
+)
+
+from deformnb.native import jobs, library
+from deformnb.volume.sampling import METHODS
+from deformnb.warping.voxel_readers import CompiledReader
 
 ROOT = Path(__file__).parents[1]
 if not (ROOT / "native_build.py").exists():
@@ -116,10 +131,13 @@ def test_a_target_that_is_not_there_ends_the_build_of_a_wheel(tmp_path: Path) ->
     assert "amiga is none of linux-x86_64" in done.stdout + done.stderr
 
 
-@pytest.mark.skipif(
+on_linux_x86 = pytest.mark.skipif(
     sys.platform != "linux" or native_build.own_target().levels is not native_build.X86_LEVELS,
-    reason="another platform",
+    reason="the library that is compiled for Linux on x86-64 runs there only",
 )
+
+
+@on_linux_x86
 def test_the_library_for_this_platform_loads_and_knows_the_same_levels() -> None:
     own = native_build.library_path()
     if not own.exists():
@@ -128,13 +146,32 @@ def test_the_library_for_this_platform_loads_and_knows_the_same_levels() -> None
     assert crossed.deformnb_best_level() == compiled.deformnb_best_level()
 
 
-@pytest.mark.skipif(
-    sys.platform != "linux" or native_build.own_target().levels is not native_build.X86_LEVELS,
-    reason="another platform",
-)
-def test_the_library_for_this_platform_passes_the_tests_of_warps() -> None:
-    from deformnb.native import library
+@on_linux_x86
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_both_compilers_give_the_same_voxels(dtype: str, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = native_build.library_path()
+    if not own.exists():
+        pytest.skip("no C compiler was there")
+    results = []
+    for path in (own, build("linux-x86_64")):
+        for level in library.levels():
+            table = jobs.Loops.in_dll(ctypes.CDLL(str(path)), f"deformnb_loops_{level}")
+            monkeypatch.setattr(library, "loops", lambda table=table: table)
+            rng = np.random.default_rng(DTYPES.index(dtype))
+            source = random_input(rng, dtype, method, exact=False)
+            values = read_everything(TypedReader(CompiledReader, source), random_moves(rng, OUTPUT), rng)
+            for normal in range(3):
+                case = random_extrusion(rng, dtype, method, normal, modulated=normal == 1)
+                values.append(read_extrusion(CompiledReader, *case, prepared=normal == 0))
+            results.append(values)
+    for others in results[1:]:
+        for found, wanted in zip(others, results[0], strict=True):
+            np.testing.assert_array_equal(found, wanted)
 
+
+@on_linux_x86
+def test_the_library_for_this_platform_passes_the_tests_of_warps() -> None:
     folder = build("linux-x86_64").parent
     command = [sys.executable, "-m", "pytest", "-q", "-n0", "tests/native", "tests/warping/test_voxel_readers.py"]
     environment = {**os.environ, library.FOLDER_VARIABLE: str(folder), "HYPOTHESIS_PROFILE": "dev"}
