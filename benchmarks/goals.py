@@ -12,6 +12,17 @@ from benchmarks.c_loops import COMPILERS
 _FITS, _EDITS = 84.0, 79.0
 
 
+def digits(number: float) -> str:
+    """Three digits, or all before the point.
+
+    Examples
+    --------
+    >>> digits(0.01234), digits(1234.5)
+    ('0.0123', '1234')
+    """
+    return f"{number:.0f}" if number >= 1000 else f"{number:.3g}"
+
+
 @dataclass(frozen=True)
 class Goal:
     """The most that a row may take.
@@ -37,7 +48,7 @@ class Goal:
     voxels: int = 0
 
     def __str__(self) -> str:
-        return f"<= {self.most:.3g} {f'x {self.peer}' if self.peer else self.unit}"
+        return f"<= {digits(self.most)} {f'x {self.peer}' if self.peer else self.unit}"
 
     def amount(self, own: float) -> str:
         """A number of the row with its unit.
@@ -47,7 +58,7 @@ class Goal:
         >>> Goal(1.15, voxels=10**6).amount(5.0)
         '5 ms (5 ns a voxel)'
         """
-        return f"{own:.3g} {self.unit}" + (f" ({1e6 * own / self.voxels:.2g} ns a voxel)" if self.voxels else "")
+        return f"{digits(own)} {self.unit}" + (f" ({1e6 * own / self.voxels:.2g} ns a voxel)" if self.voxels else "")
 
     def limit(self, times: Mapping[str, float]) -> float | None:
         """The most by the times of a run, those of the faster one of the compilers; None without any.
@@ -103,6 +114,7 @@ ROWS: dict[str, Goal] = {
     "first volume, points on a picture": Goal(500, ""),
     "first volume, points in space": Goal(500, ""),
     "five changes of resolution, crop or points: compilation": Goal(50, ""),
+    "deformnb warp of a carp, nothing cached": Goal(3000, ""),
     "two threads, replicated": Goal(1.0, unit="x one thread"),
     "two threads, modulated": Goal(1.0, unit="x one thread"),
     "two threads, general": Goal(1.0, unit="x one thread"),

@@ -1,4 +1,5 @@
-"""Rows that are measured in processes of their own: F1 first volumes and compilation, T1 two threads, P1 peak memory.
+"""Rows that are measured in processes of their own: F1 first volumes and compilation, T1 two threads, P1 peak memory,
+C1 the command ``deformnb warp``.
 
 ``python -m benchmarks.once first picture FOLDER`` prints JSON, with an empty folder for caches; so do
 ``threads ROUNDS`` and ``memory``.
@@ -13,11 +14,13 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from deformnb.io.files.streams import LEVEL
 from deformnb.volume.plane import Raster
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -36,6 +39,7 @@ def measure(options: Namespace) -> Iterator[tuple[str, Callable[[], list[Judged]
         yield "T1: two threads", lambda: _threads(options.rounds)
     if sys.platform.startswith("linux"):
         yield "P1: peak memory", _memory
+    yield "C1: command", _command
 
 
 def _in_process(*arguments: str, processors: int | None = None) -> Any:
@@ -85,6 +89,39 @@ def _threads(rounds: int) -> list[Judged]:
 
 def _memory() -> list[Judged]:
     return [(f"peak memory of 512^3, {kind}", share, {}) for kind, share in _in_process("memory").items()]
+
+
+def _command() -> list[Judged]:
+    """A carp of 256 x 512 x 256 voxels, compressed before and after; the peer packs and unpacks the same files."""
+    import numpy as np
+
+    import deformnb as dn
+    from benchmarks import problem
+
+    carp = dn.datasets.PHANTOMS["fish"].make().values
+    for axis in range(3):
+        carp = np.repeat(carp, 2, axis)
+    volume = dn.Volume(carp, dn.Grid(carp.shape))
+    points = problem.control_points(16, 2, 256)
+    with tempfile.TemporaryDirectory() as folder:
+        source, result, session = (Path(folder) / name for name in ("in.nii.gz", "out.nii.gz", "bend.json"))
+        dn.write_volume(volume, source)
+        dn.write_deformation(dn.Deformation.from_picture_points(volume.grid, "+z", points), session)
+        command = [sys.executable, "-m", "deformnb", "warp", str(session), str(source), str(result)]
+        before = _seconds_of_children()
+        subprocess.run(command, check=True, capture_output=True, env=dict(os.environ, XDG_CACHE_HOME=folder))
+        own = _seconds_of_children() - before
+        start = time.process_time()
+        zlib.decompress(source.read_bytes(), wbits=47)
+        zlib.compress(zlib.decompress(result.read_bytes(), wbits=47), LEVEL)
+        packing = time.process_time() - start
+    return [("deformnb warp of a carp, nothing cached", 1e3 * own, {"gzip alone": 1e3 * packing})]
+
+
+def _seconds_of_children() -> float:
+    """Of the processor, of processes that have ended."""
+    times = os.times()
+    return times.children_user + times.children_system
 
 
 def first(kind: str, folder: str) -> float:

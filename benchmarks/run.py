@@ -12,7 +12,7 @@ from pathlib import Path
 
 from benchmarks import bench_edits, bench_maps, bench_quality, bench_rbf, bench_warp, c_loops, once, ratios
 from benchmarks.c_loops import COMPILERS
-from benchmarks.goals import ROWS
+from benchmarks.goals import ROWS, digits
 from benchmarks.timing import Measured, measure
 from deformnb.native import library
 
@@ -42,7 +42,7 @@ def run(options: Namespace) -> int:
     summary: dict[str, str] = {}
     measured: dict[str, float] = {}
     for initial, module in _MODULES.items():
-        if options.groups and all(part[:1] in "RWEMQFTP" and part[:1] != initial for part in options.groups):
+        if options.groups and all(part[:1] in "RWEMQFTPC" and part[:1] != initial for part in options.groups):
             continue  # their problems take long to make
         for group in module.groups(options):
             if not _is_asked(group.name, options):
@@ -66,7 +66,8 @@ def run(options: Namespace) -> int:
     for name, measure_rows in once.measure(options):
         if _is_asked(name, options):
             for row, own, times in measure_rows():
-                summary[row] = _line(row, own, times, {}, options)
+                libraries = {name: time for name, time in times.items() if not name.startswith("C")}
+                summary[row] = _line(row, own, times, libraries, options)
                 measured |= _ratios(row, own, times)
     print("\n".join([_SUMMARY, *(summary[row] for row in ROWS if row in summary)]), flush=True)
     return 0 if options.ratios is None else _compare(measured, options)
@@ -106,13 +107,13 @@ def _line(row: str, own: float, times: Mapping[str, float], libraries: Mapping[s
     goal = ROWS[row]
     peers = {} if not goal.peer else {peer: times[peer] for peer in _peers(row).values() if peer in times}
     best = min(libraries, key=libraries.__getitem__, default=None)
-    numbers = [f"{peers[peer]:.3g}" if peer in peers else "" for peer in _peers(row).values()]
+    numbers = [digits(peers[peer]) if peer in peers else "" for peer in _peers(row).values()]
     shares = [share and f"{own / float(share):.3g}" for share in numbers[: len(COMPILERS)]]
     is_usual = (options.size, options.points, options.dtype) == (256, 32, "uint8")
     limit = goal.limit(times) if is_usual else None
     verdict = "" if limit is None else "met" if own <= limit else "MISSED"
-    most = "" if limit is None or not goal.peer else f" = {limit:.3g}"
-    cells = [row, goal.amount(own), *numbers, f"{best} {libraries[best]:.3g}" if best else "", *shares]
+    most = "" if limit is None or not goal.peer else f" = {digits(limit)}"
+    cells = [row, goal.amount(own), *numbers, f"{best} {digits(libraries[best])}" if best else "", *shares]
     return f"| {' | '.join([*cells, f'{goal}{most}', verdict])} |"
 
 
