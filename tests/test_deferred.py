@@ -89,7 +89,7 @@ deformations = [
     dn.Deformation((replace(plain, **settings),))
     for settings in (
         {}, {"extrusion": "modulate", "curve": "1-z"}, {"cuts": (line,)}, {"parts": (ground,)}, {"stages": 3},
-        {"kernel": "thin_plate", "trend": "affine"},
+        {"kernel": "thin_plate", "trend": "affine"}, {"kernel": "quintic", "trend": "quadratic"},
     )
 ]
 deformations.append(dn.Deformation.from_space_points(dn.ControlPoints.from_arrays(deep, deep + 0.1 * deep[::-1])))

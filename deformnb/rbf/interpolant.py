@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
 from deformnb._jax import float64, full_precision, jit, jnp, pytree
+from deformnb.devices import is_host
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
 from deformnb.rbf.cross_validation import MOST_LEFT_OUT, leave_one_out, parameters_of, polynomials_of
@@ -48,9 +49,9 @@ from deformnb.rbf.evaluation import (
 from deformnb.rbf.exactness import DERIVATIVE, MOST_MISSED, RESIDUAL, ROUNDING, SHARES, largest_miss
 from deformnb.rbf.factors import DENSE, Matrix, factor_matrix, matrix_of
 from deformnb.rbf.fields import AbstractInterpolant, grid_lines, raster_lines
-from deformnb.rbf.kernels import AbstractKernel, WendlandC2
+from deformnb.rbf.kernels import BUILT_IN, AbstractKernel, WendlandC2
 from deformnb.rbf.system import Solved, solve, solve_bordered, solve_factored
-from deformnb.rbf.trends import NO_ANGLE, spread_of
+from deformnb.rbf.trends import NO_ANGLE, Span, spread_of
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 
@@ -504,6 +505,29 @@ def probe_places(x: NDArray[np.float64]) -> NDArray[np.float64]:
 _solve = jit(solve, static_argnames=("kernel", "trend"))
 
 
+def _solve_whole(
+    x: NDArray[np.float64],
+    d: NDArray[np.float64],
+    active: NDArray[np.bool_],
+    nugget: NDArray[np.float64],
+    span: Span,
+    turn: NDArray[np.float64],
+    scales: NDArray[np.float64] | None,
+    kernel: type[AbstractKernel],
+    trend: str,
+) -> Solved:
+    """The system by elimination; NaN where it has no solution."""
+    if kernel.name not in BUILT_IN or not is_host():
+        with float64():
+            return _solve(x, d, active, nugget, span, turn, scales, kernel=kernel, trend=trend)
+    n, (size, dim) = int(active.sum()), x.shape
+    own = None if scales is None else scales[:n]
+    with contextlib.suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
+        return solve(x[:n], d[:n], active[:n], nugget[:n], span, turn, own, kernel=kernel, trend=trend)
+    unknown = np.full((size, dim), np.nan)
+    return Solved(unknown, np.full((dim, dim), np.nan), unknown[0], unknown)
+
+
 def solve_prepared(
     ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float, previous: RBFInterpolant | None
 ) -> RBFInterpolant:
@@ -562,10 +586,7 @@ def solve_prepared(
         x[:n] = (ready.targets - origin) / ready.support
     # A nearly singular matrix with polynomials has no Cholesky factor; elimination may still interpolate by it.
     if solved is None or (kernel.order and not np.abs(solved.miss).max() <= most):
-        with float64():
-            solved = _solve(
-                x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel, trend=ready.trend
-            )
+        solved = _solve_whole(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel, ready.trend)
     alpha, linear, constant, miss = map(np.asarray, solved[:4])
     bent = None if solved.quadratic is None else np.asarray(solved.quadratic) * ready.support
     if scales is not None and not np.abs(alpha).max() <= MOST_GAIN * np.abs(d).max():

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from deformnb._jax import jax, jnp
+from deformnb._jax import jax, namespace_of
 from deformnb._typing import Floats
 from deformnb.rbf.factors import Matrix
 from deformnb.rbf.kernels import AbstractKernel
@@ -49,16 +49,19 @@ def solve(
 
     ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``span`` the part that the centred points
     determine, ``turn`` is the rotation to fall back on, ``scales`` (C,) are support / R_j where points have radii of
-    their own.
+    their own. Arrays of NumPy are solved by NumPy, for a built-in kernel; it raises a LinAlgError where there is no
+    solution, and JAX returns NaN.
     """
+    xp = namespace_of(x, d, nugget)
     both = active[:, None] & active[None, :]
     s = sum((x[:, None, k] - x[None, :, k]) ** 2 for k in range(x.shape[1]))
     s = s if scales is None else s * scales**2
-    phi = jnp.where(both, kernel.of_square(s), 0.0) + jnp.diag(jnp.where(active, nugget, 1.0))
+    values = kernel.profile(s) if xp is np else kernel.of_square(s)
+    phi = xp.where(both, values, 0.0) + xp.diag(xp.where(active, nugget, 1.0))
     one = active.astype(x.dtype)[:, None]
     c, q, whole = None, None, d
     if trend == "quadratic":
-        q = products(x, jnp)
+        q = products(x, xp)
         if kernel.order < 3:
             c, trend = _quadratic_part(phi, x, d, q, one, span, scales is not None), "affine"
             d = d - q @ c
@@ -70,7 +73,7 @@ def solve(
     elif kernel.order == 2:
         alpha, linear, constant, _ = _bordered_system(phi, x, d, one, span.basis)
     elif TRENDS[trend].linear is None:
-        alpha, linear, constant = _inverse_of(phi)(d), jnp.zeros((x.shape[1],) * 2), jnp.zeros(x.shape[1])
+        alpha, linear, constant = _inverse_of(phi)(d), xp.zeros((x.shape[1],) * 2), xp.zeros(x.shape[1])
     else:
         alpha, linear, constant = _least_energy(phi, x, d, one, span, turn, kernel, trend)
     bent = 0.0 if c is None else q @ c
@@ -84,21 +87,22 @@ def _quadratic_part(phi: Any, x: Any, d: Any, q: Any, one: Any, span: Span, is_s
     W is the energy matrix with the affine maps removed; where Phi is not symmetric, the plain projection. Zero where
     the points determine none of it: S and its trace would be rounding, and C any number.
     """
+    xp = namespace_of(phi, d)
     if _is_open(span):
-        return jnp.zeros((q.shape[1], d.shape[1]))
-    p = jnp.concatenate([one, x @ span.basis], axis=1)
-    both = jnp.concatenate([q, d], axis=1)
+        return xp.zeros((q.shape[1], d.shape[1]))
+    p = xp.concatenate([one, x @ span.basis], axis=1)
+    both = xp.concatenate([q, d], axis=1)
     if is_skew:
-        w = both - p @ jnp.linalg.lstsq(p, both)[0]
+        w = both - p @ xp.linalg.lstsq(p, both, rcond=None)[0]
     else:
-        border = jnp.zeros((p.shape[1],) * 2)
-        bordered = jnp.block([[phi, p], [p.T, border]])
-        w = jnp.linalg.solve(bordered, jnp.concatenate([both, jnp.zeros((p.shape[1], both.shape[1]))]))[: len(x)]
+        border = xp.zeros((p.shape[1],) * 2)
+        bordered = xp.block([[phi, p], [p.T, border]])
+        w = xp.linalg.solve(bordered, xp.concatenate([both, xp.zeros((p.shape[1], both.shape[1]))]))[: len(x)]
     count = q.shape[1]
     s, h = q.T @ w[:, :count], q.T @ w[:, count:]
-    size = jnp.trace(s)
-    held = s if span.bend is None else s + jnp.where(size > 0, size, 1.0) * span.bend
-    return jnp.linalg.solve(held, h)
+    size = xp.trace(s)
+    held = s if span.bend is None else s + xp.where(size > 0, size, 1.0) * span.bend
+    return xp.linalg.solve(held, h)
 
 
 def _is_open(span: Span) -> bool:
@@ -107,6 +111,8 @@ def _is_open(span: Span) -> bool:
 
 
 def _inverse_of(phi: Any) -> Any:
+    if namespace_of(phi) is np:
+        return lambda b: np.linalg.solve(phi, b)
     factor = jax.scipy.linalg.cho_factor(phi, lower=True)
     return lambda b: jax.scipy.linalg.cho_solve(factor, b)
 
@@ -115,15 +121,15 @@ def _least_energy(
     phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, kernel: type[AbstractKernel], trend: str
 ) -> tuple[Any, Any, Any]:
     """Alpha = W (d - A x), t = mean(d) - A mean(x), with the A of least energy; ``mean`` is kriging's."""
-    dim = x.shape[1]
-    rhs = jnp.concatenate([x, d], axis=1)
+    xp, dim = namespace_of(phi, d), x.shape[1]
+    rhs = xp.concatenate([x, d], axis=1)
     if kernel.order == 0:
-        v = _inverse_of(phi)(jnp.concatenate([one, rhs], axis=1))
+        v = _inverse_of(phi)(xp.concatenate([one, rhs], axis=1))
         mean = (one.T @ v[:, 1:]) / (one.T @ v[:, :1])
         w = v[:, 1:] - v[:, :1] * mean
     else:  # Phi is not definite: only the bordered system is well posed
-        bordered = jnp.block([[phi, one], [one.T, jnp.zeros((1, 1))]])
-        v = jnp.linalg.solve(bordered, jnp.concatenate([rhs, jnp.zeros((1, 2 * dim))]))
+        bordered = xp.block([[phi, one], [one.T, xp.zeros((1, 1))]])
+        v = xp.linalg.solve(bordered, xp.concatenate([rhs, xp.zeros((1, 2 * dim))]))
         w, mean = v[:-1], v[-1:]
     wx, wd = w[:, :dim], w[:, dim:]
     s = x.T @ wx
@@ -142,13 +148,13 @@ def _linear_part(moments: tuple[Any, Any], plain: tuple[Any, Any], span: Span, t
 
 def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, trend: str) -> tuple[Any, Any, Any]:
     """For a matrix that is not symmetric: the trend of least squares, and Phi alpha = its residual."""
-    dim, rule = x.shape[1], TRENDS[trend].linear
-    linear, constant = jnp.zeros((dim, dim)), jnp.zeros(dim)
+    xp, dim, rule = namespace_of(phi, d), x.shape[1], TRENDS[trend].linear
+    linear, constant = xp.zeros((dim, dim)), xp.zeros(dim)
     if rule is not None:
-        mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
-        linear = rule(*plain_moments(x, d, one), span, turn) - jnp.eye(dim)
+        mean_x, mean_d = (xp.sum(one * a, axis=0) / xp.sum(one) for a in (x, d))
+        linear = rule(*plain_moments(x, d, one), span, turn) - xp.eye(dim)
         constant = mean_d - linear @ mean_x
-    return jnp.linalg.solve(phi, d - one * (x @ linear.T + constant)), linear, constant
+    return xp.linalg.solve(phi, d - one * (x @ linear.T + constant)), linear, constant
 
 
 def _bordered_system(
@@ -159,23 +165,25 @@ def _bordered_system(
     For order 3 P has the quadratic products ``q`` (C, k) too, in the combinations ``quadrics`` (k, r) that the points
     determine. Returns alpha, A, t, and their factors (k, dim) or None.
     """
-    n, (dim, rank) = x.shape[0], basis.shape
+    xp, n, (dim, rank) = namespace_of(phi, d), x.shape[0], basis.shape
     columns = [one, x @ basis]
     if q is not None:
-        quadrics = jnp.eye(q.shape[1]) if quadrics is None else quadrics
+        quadrics = xp.eye(q.shape[1]) if quadrics is None else quadrics
         columns.append(q @ quadrics)
-    p = jnp.concatenate(columns, axis=1)
+    p = xp.concatenate(columns, axis=1)
     width = p.shape[1]
-    factor = jax.scipy.linalg.lu_factor(jnp.block([[phi, p], [p.T, jnp.zeros((width, width))]]))
+    whole = xp.block([[phi, p], [p.T, xp.zeros((width, width))]])
+    factor = None if xp is np else jax.scipy.linalg.lu_factor(whole)
 
     def border(b: Any) -> Any:
-        return jax.scipy.linalg.lu_solve(factor, jnp.concatenate([b, jnp.zeros((width, dim))]))
+        given = xp.concatenate([b, xp.zeros((width, dim))])
+        return np.linalg.solve(whole, given) if factor is None else jax.scipy.linalg.lu_solve(factor, given)
 
     v, last = border(d), n + 1 + rank
     bent = None if q is None else quadrics @ v[last:]
     if rank == dim:
         return v[:n], v[n + 1 : last].T @ basis.T, v[n], bent
-    linear = complete(basis + v[n + 1 : last].T, basis) - jnp.eye(dim)
+    linear = complete(basis + v[n + 1 : last].T, basis) - xp.eye(dim)
     # Points that are flat only to rounding are a little off their span, where the completed map displaces them too:
     # fit the residual. Its trend is of the size of that rounding, and is added.
     rest = border(d - x @ linear.T - (0.0 if q is None else q @ bent))

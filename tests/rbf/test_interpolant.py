@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -521,6 +522,31 @@ def test_a_sample_of_the_picture_decides_about_float32_where_its_estimate_is_too
     found = np.moveaxis(fit.sample_on_raster(raster), 0, -1)
     assert used[-1] is kind
     np.testing.assert_allclose(found, fit.displacement(raster.points()), atol=SHARES["lattice"] * 2.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "has_radii"),
+    [
+        ({"kernel": "quintic", "trend": "quadratic"}, False),
+        ({"kernel": "thin_plate", "trend": "quadratic"}, False),
+        ({"kernel": "wendland_c2", "trend": "affine"}, True),
+        ({"kernel": "wendland_c2", "trend": "quadratic"}, True),
+        ({"kernel": "wendland_c2", "trend": "none"}, True),
+    ],
+)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_numpy_and_jax_solve_the_same_systems(
+    settings: dict[str, Any], has_radii: bool, dim: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = ControlPoints.from_arrays(sources(dim), sources(dim) + drag(dim, 0.1))
+    if has_radii:
+        points = replace(points, radius=np.linspace(0.8, 1.2, len(points)) * SUPPORT)
+    own = fit_rbf(points, support=SUPPORT, **settings)
+    monkeypatch.setattr(rbf, "is_host", lambda: False)
+    other = fit_rbf(points, support=SUPPORT, **settings)
+    places = points.target + 3.0
+    np.testing.assert_allclose(own.displacement(places), other.displacement(places), atol=1e-9)
+    np.testing.assert_allclose(own.displacement(points.target), points.displacement, atol=1e-9)
 
 
 def test_results_are_arrays_of_the_right_kind() -> None:
