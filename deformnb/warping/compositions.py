@@ -35,6 +35,7 @@ from deformnb._typing import Floats, Progress
 from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import AbstractField, Identity, grid_lines, links_of
 from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.rbf.rigid import RigidInterpolant
 from deformnb.volume.volume import Grid
 from deformnb.warping import border_cells, planning
 from deformnb.warping.border_cells import Regional
@@ -85,9 +86,8 @@ _EVERY = (slice(None), slice(None))
 # What a voxel that is listed and evaluated by itself costs, in nodes or in voxels of a block that is evaluated whole.
 _LISTED = 1.5
 
-# Voxels that are replaced at a time, many and the rest of them; the remainder is filled up, so that
-# two sizes compile.
-_FEW, _TOGETHER = 2**12, 2**15
+# Voxels that are replaced at a time.
+_TOGETHER = 2**15
 
 # Nodes that are evaluated at a time, and planes of them at least: one more plane is evaluated with each of these parts.
 _NODES_TOGETHER, _LEAST_PLANES = 2**16, 8
@@ -374,17 +374,14 @@ def _pieces(
 
     start : the first voxel of the first cell; stop : the end of the voxels.
     """
-    whole = len(cells) - len(cells) % (_TOGETHER // side**3)
-    for part, together in ((cells[:whole], _TOGETHER), (cells[whole:], _FEW)):
-        most = together // side**3
-        for first in range(0, len(part), most):
-            yield partial(_voxels, part[first : first + most], side, start, stop, together)
+    most = max(1, _TOGETHER // side**3)
+    for first in range(0, len(cells), most):
+        yield partial(_voxels, cells[first : first + most], side, start, stop)
 
 
-def _voxels(cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: NDArray[np.intp], size: int) -> Voxels:
+def _voxels(cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: NDArray[np.intp]) -> Voxels:
     index = (side * cells.T[:, :, None] + np.indices((side,) * 3).reshape(3, 1, -1)).reshape(3, -1) + start[:, None]
-    index = np.minimum(index, stop[:, None] - 1)
-    z, y, x = index.take(np.arange(size), 1, mode="clip").astype(np.int32)
+    z, y, x = np.minimum(index, stop[:, None] - 1).astype(np.int32)
     return z, y, x
 
 
@@ -687,6 +684,7 @@ class ComposedEvaluator:
 
 def _has_many_terms(field: AbstractField, grid: Grid) -> bool:
     """Check for a fit that nodes evaluate in less time than voxels; a GPU evaluates all voxels."""
+    field = field.base if isinstance(field, RigidInterpolant) else field
     if not isinstance(field, RBFInterpolant) or grid.size < _MANY_VOXELS or not devices.is_host():
         return False
     ball = 4 / 3 * np.pi * float(field.support) ** 3 / (grid.size * float(np.prod(grid.spacing)))

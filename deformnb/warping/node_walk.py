@@ -65,8 +65,10 @@ def smoothness_of(field: AbstractField) -> int | None:
             return field.kernel.smoothness
         case ForwardFit():  # the inverse of a function has as many derivatives
             return smoothness_of(field.forward)
-        case RigidInterpolant():  # distances bend where two borders are equally near
-            return None if smoothness_of(field.base) is None else 1
+        case RigidInterpolant():  # distances bend where two borders are equally near, weights where they end
+            known_base = smoothness_of(field.base)
+            most = 2 if len(field.regions) == 1 and isinstance(field.regions[0], HalfSpace) else 1
+            return None if known_base is None else min(known_base, most)
         case Composed():
             parts: tuple[AbstractField, ...] = (field.first, field.then)
         case Staged():

@@ -15,6 +15,7 @@ from deformnb._jax import as_numpy
 from deformnb.errors import DeformError
 from deformnb.native import library
 from deformnb.native.source import NotFiniteError, VoxelSource
+from deformnb.rbf.evaluation import few_sizes
 from deformnb.volume import sampling
 from deformnb.volume.sampling import METHODS
 from deformnb.warping import planning
@@ -59,6 +60,10 @@ class VoxelInput:
 
 # Slices that the loops transpose together, so that parts have as many at least.
 _TRANSPOSED = 64
+
+
+# Single voxels that JAX reads are a multiple of this.
+_LISTED = 2**12
 
 
 class VoxelReader(Protocol):
@@ -225,11 +230,14 @@ class JaxReader:
         """Single voxels."""
         at = self._input.places
         matrix = at.matrix if matrix is None else matrix
+        n = len(voxels[0])
+        filled = np.minimum(np.arange(_LISTED * few_sizes(-(-n // _LISTED))), n - 1)  # so that few sizes compile
+        moves, places = (tuple(np.asarray(part)[filled] for part in parts) for parts in (d, voxels))
         with self._arithmetic():
             result = sampling.listed(
-                self._flat, tuple(d), tuple(voxels), matrix, at.whole, at.part, self._input.fill, **self._settings
+                self._flat, moves, places, matrix, at.whole, at.part, self._input.fill, **self._settings
             )
-            return as_numpy(result)
+            return as_numpy(result)[:n]
 
     def read_extruded(self, plan: planning.Extruded, run: RunParts) -> NDArray[Any]:
         """Parts along z and y; the whole at once on a GPU."""
