@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import as_numpy, blockwise, each, float64, jax, jit, jnp, lax, pytree
+from deformnb._jax import as_numpy, each, float64, jax, jit, jnp, lax, pytree
 from deformnb.native import sums
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
@@ -430,31 +430,6 @@ class RadialSum:
 def stack_sums(sums: Sequence[RadialSum]) -> RadialSum:
     """Sums with arrays of the same shapes as one, with a first axis along which ``lax.scan`` iterates."""
     return jax.tree.map(lambda *parts: np.stack(parts), *sums)
-
-
-def _evaluate_sequentially(sums: RadialSum, places: Any) -> tuple[Any, ...]:
-    def one(start: Any, own: RadialSum) -> tuple[Any, tuple[Any, ...]]:
-        away = start - places
-        reach = jnp.stack([jnp.abs(part).max() for part in own.relative(start)])
-        return start + jnp.stack(own(start)), (away.min(axis=1), away.max(axis=1), reach)
-
-    ends, (low, high, reach) = lax.scan(one, places, sums)
-    return ends, low[..., None], high[..., None], reach[..., None]
-
-
-_compiled_sequence = blockwise(_evaluate_sequentially)
-
-
-def evaluate_sequentially(places: NDArray[np.float64], sums: RadialSum) -> tuple[NDArray[np.float64], ...]:
-    """Places (dim, n) moved by S :func:`stack_sums` sums, each evaluated where the one before leads; moved in float64.
-
-    Returns
-    -------
-    places (dim, n); for each sum the lengths (S, dim) of the ranges of what those before it move places by, and the
-    largest (S, dim) of the coordinates, relative to its origin, where it is evaluated.
-    """
-    ends, low, high, reach = _compiled_sequence(sums, places)
-    return ends, high.max(axis=-1) - low.min(axis=-1), reach.max(axis=-1)
 
 
 # ---- compact kernels with many centres -------------------------------------------------------------------------------

@@ -28,7 +28,6 @@ from deformnb.imaging.thompson import magnify_field
 from deformnb.io.transforms.formats import read_transform, write_transform
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.conditioning import prepare
-from deformnb.rbf.evaluation import evaluate_sequentially, stack_sums
 from deformnb.rbf.exactness import DERIVATIVE, EXACT, EXACT_PLACE, SHARES
 from deformnb.rbf.extrusion import Extrusion, modulate
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, Rescaled, blend, compose
@@ -46,6 +45,7 @@ from deformnb.rbf.stages import Staged
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.node_walk import FitSums
 
 GAP = 4  # pixels between control points
 SETS = {
@@ -141,11 +141,7 @@ def values_on_device(m: Made) -> np.ndarray:
 
 
 def one_after_the_other(m: Made) -> np.ndarray:
-    if not isinstance(m.fit, RBFInterpolant) or m.fit.is_culled:
-        return m.fit(m.target)
-    reach = float(np.linalg.norm((m.target - m.fit.origin) / m.fit.support, axis=1).max())
-    ends, *_ = evaluate_sequentially(m.target.T.copy(), stack_sums([m.fit.radial_sum(m.fit.type_within(reach, 1.0))]))
-    return ends.T - m.target
+    return FitSums(1.0)(m.fit, m.target.T).T if isinstance(m.fit, RBFInterpolant) else m.fit(m.target)
 
 
 def values_in_file(m: Made, suffix: str) -> np.ndarray:
@@ -362,8 +358,7 @@ def test_the_error_of_32_bits_is_not_above_its_estimate(name: str, kernel: str) 
         pytest.skip("the system of all is singular; local fits are evaluated in 64 bits")
     x = m.target[:200] + 0.3
     reach = float(np.linalg.norm((x - m.fit.origin) / m.fit.support, axis=1).max())
-    ends, *_ = evaluate_sequentially(x.T.copy(), stack_sums([m.fit.radial_sum(np.float32)]))
-    error = np.abs(ends.T - x - m.fit(x)).max()
+    error = np.abs(m.fit.displacement(x, np.float32) - m.fit(x)).max()
     assert error <= m.fit.float32_error(reach)
 
 
