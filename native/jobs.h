@@ -13,23 +13,35 @@ static Check NAME(read_row)(const Source *source, const NAME(RowPlaces) *row, in
     int32_t inside[ROW];
     const int is_cubic = source->method == CUBIC, is_nearest = source->method == NEAREST;
     const INDEX stride[3] = {(INDEX)(source->shape[1] * source->shape[2]), (INDEX)source->shape[2], 1};
-    const int is_usual = source->method == LINEAR && source->is_straight && row->line[0].d[0] && !row->line[0].whole &&
-                         row->line[2].d[0];
+    const INDEX steps[3] = {source->shape[0] > 1 ? stride[0] : 0, source->shape[1] > 1 ? stride[1] : 0, 1};
+    int is_simple[3]; /* between voxels, moved by one component of the displacements */
+    for (int a = 0; a < 3; a++)
+        is_simple[a] = row->kind[a] == BETWEEN_VOXELS && row->line[a].d[0] && !row->line[a].d[1] &&
+                       !row->line[a].whole == (a < 2);
+    const int is_linear = source->method == LINEAR;
+    const int is_space = is_linear && is_simple[0] && is_simple[1] && is_simple[2];
+    const int across = row->kind[0] == BETWEEN_VOXELS ? 0 : 1; /* if the row is read within a slice */
+    const int is_slice = is_linear && row->kind[1 - across] == AT_ONE && is_simple[across] && is_simple[2];
     Check known = {1, 0};
-    if (is_usual) {
+    if (is_space) {
         NAME(RowPlaces) usual = *row;
-        usual.line[0].stride = source->shape[0] > 1 ? stride[0] : 0;
-        usual.line[1].stride = source->shape[1] > 1 ? stride[1] : 0;
+        for (int a = 0; a < 2; a++) usual.line[a].stride = steps[a];
         known = NAME(straight_cells)(usual.line, n, index[0], share[0], share[1], share[2], inside);
+    } else if (is_slice) {
+        NAME(Line) line = row->line[across];
+        line.stride = steps[across];
+        const INDEX start = (INDEX)row->line[1 - across].w * stride[1 - across];
+        known = NAME(slice_cells)(&line, row->line + 2, start, n, index[0], share[across], share[2], inside);
     } else {
         for (int i = 0; i < n; i++) inside[i] = 1;
         memset(index[0], 0, n * sizeof(INDEX));
         if (is_cubic) memset(index[1], 0, sizeof index - sizeof index[0]);
     }
-    for (int a = 0; a < 3 && !is_usual; a++) {
+    const int is_known = is_space || is_slice;
+    for (int a = 0; a < 3 && !is_known; a++) {
         NAME(Line) line = row->line[a];
         INDEX *to = index[is_cubic ? a : 0];
-        line.stride = is_cubic ? 1 : source->shape[a] > 1 || a == 2 ? stride[a] : 0;
+        line.stride = is_cubic ? 1 : steps[a];
         if (row->kind[a] == AT_ONE) {
             const INDEX at = (INDEX)line.w * (is_cubic ? 1 : stride[a]);
             SIMD for (int i = 0; i < n; i++) to[i] += at;
@@ -44,7 +56,7 @@ static Check NAME(read_row)(const Source *source, const NAME(RowPlaces) *row, in
     }
     const int by_z = row->kind[0] == BETWEEN_VOXELS, by_y = row->kind[1] == BETWEEN_VOXELS;
     const int by_x = row->kind[2] == BETWEEN_VOXELS && source->shape[2] > 1;
-    const INDEX dz = source->shape[0] > 1 ? stride[0] : 0, dy = source->shape[1] > 1 ? stride[1] : 0;
+    const INDEX dz = steps[0], dy = steps[1];
     if (is_nearest) {
         switch (VOXEL_SIZES[source->voxel_type]) {
 #define READ(SIZE)                                                                                                     \
@@ -93,7 +105,7 @@ static Check NAME(read_row)(const Source *source, const NAME(RowPlaces) *row, in
             }
         }
     }
-    if (!is_usual) {
+    if (!is_known) {
         int32_t all = 1;
         SIMD_REDUCTION(&, all) for (int i = 0; i < n; i++) all &= inside[i];
         known.all_inside = all;
@@ -318,6 +330,7 @@ static int NAME(slices)(const Source *source, const PlaneField *field, const Tar
                     const int r = a == axes[1];
                     for (int j = 0; j < 2; j++) {
                         const int o = axes[j];
+                        if (source->is_straight && o != a) continue; /* where all is 0 */
                         const REAL *whole = tables.whole[o] + a * source->count[o] + at[o],
                                    *part = tables.part[o] + a * source->count[o] + at[o];
                         if (o == 2)

@@ -32,3 +32,9 @@ EXPORT int deformnb_best_level(void) {
     return 0;
 #endif
 }
+
+/* Sizes of the structures: Python's must have the same, else it was written for another library. */
+EXPORT const uint32_t deformnb_sizes[] = {
+    sizeof(Source),    sizeof(Target),     sizeof(Field),         sizeof(PlaneField),
+    sizeof(VoxelList), sizeof(LatticeSum), sizeof(EdgeDistances), sizeof(Loops),
+};

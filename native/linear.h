@@ -50,6 +50,18 @@ static void NAME(linear_8)(const VOXEL *restrict samples, const INDEX *restrict 
 /* Cells of four corners in two rows along x. */
 static void NAME(linear_4)(const VOXEL *restrict samples, const INDEX *restrict index, const SHARE *restrict ty,
                            const SHARE *restrict tx, int n, INDEX dy, VOXEL *restrict out) {
+#ifdef FOUR
+    FOUR word[ROW];
+    for (int i = 0; i < n; i++) {
+        const VOXEL *at = samples + index[i];
+        word[i] = NAME(pair)(at) | (FOUR)NAME(pair)(at + dy) << 8 * sizeof(PAIR);
+    }
+    SIMD for (int i = 0; i < n; i++) {
+        const SHARE x = tx[i];
+        const FOUR w = word[i];
+        out[i] = ROUND(BETWEEN(ty[i], BETWEEN(x, PART(w, 0), PART(w, 1)), BETWEEN(x, PART(w, 2), PART(w, 3))));
+    }
+#else
     PAIR a[ROW], b[ROW];
     for (int i = 0; i < n; i++) {
         const VOXEL *at = samples + index[i];
@@ -60,6 +72,7 @@ static void NAME(linear_4)(const VOXEL *restrict samples, const INDEX *restrict 
         const SHARE x = tx[i];
         out[i] = ROUND(BETWEEN(ty[i], BETWEEN(x, LOW(a[i]), HIGH(a[i])), BETWEEN(x, LOW(b[i]), HIGH(b[i]))));
     }
+#endif
 }
 
 /* Cells of four corners across x. */

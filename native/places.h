@@ -76,49 +76,79 @@ static void NAME(nearest_voxels)(const NAME(Line) *line, int n, INDEX *restrict 
 
 /* The same for a row that runs along an axis of the input, whose displacements along each axis move along this one alone:
    the usual case, in one loop. */
-static Check NAME(straight_cells)(const NAME(Line) *line, int n, INDEX *restrict index, SHARE *restrict sz,
-                                  SHARE *restrict sy, SHARE *restrict sx, int32_t *restrict inside) {
-    const REAL wz = line[0].w, pz = line[0].p, mz = line[0].m[0], wy = line[1].w, py = line[1].p, my = line[1].m[0],
-               mx = line[2].m[0];
-    const REAL last_z = line[0].size > 1 ? (REAL)(line[0].size - 2) : 0, most_z = line[0].size > 1 ? 1 : 0,
-               last_y = line[1].size > 1 ? (REAL)(line[1].size - 2) : 0, most_y = line[1].size > 1 ? 1 : 0,
-               last_x = line[2].size > 1 ? (REAL)(line[2].size - 2) : 0, most_x = line[2].size > 1 ? 1 : 0;
-    const float *restrict dz = line[0].d[0], *restrict dy = line[1].d[0], *restrict dx = line[2].d[0];
-    const REAL *restrict whole = line[2].whole, *restrict part = line[2].part;
-    const INDEX stride_z = line[0].stride, stride_y = line[1].stride;
-#define CELL(W, P, LAST, MOST, TO)                                                                                     \
+#define CELL(LINE, W, P, TO)                                                                                           \
     {                                                                                                                  \
         const REAL w = (W), p = (P);                                                                                   \
         cell = w + FLOOR(p);                                                                                           \
         cell = cell > 0 ? cell : 0;                                                                                    \
-        cell = cell < LAST ? cell : LAST;                                                                              \
+        cell = cell < last_##LINE ? cell : last_##LINE;                                                                \
         const REAL s = p - (cell - w);                                                                                 \
         REAL t = s > 0 ? s : 0;                                                                                        \
-        t = t < MOST ? t : MOST;                                                                                       \
+        t = t < most_##LINE ? t : most_##LINE;                                                                         \
         over = s - t;                                                                                                  \
         TO = (SHARE)t;                                                                                                 \
     }
+#define WIDEN                                                                                                          \
+    low = low < over ? low : over;                                                                                     \
+    high = high > over ? high : over;
+#define LIMITS(LINE, OF)                                                                                               \
+    const REAL last_##LINE = (OF)->size > 1 ? (REAL)((OF)->size - 2) : 0, most_##LINE = (OF)->size > 1 ? 1 : 0,        \
+               m_##LINE = (OF)->m[0];                                                                                  \
+    const float *restrict d_##LINE = (OF)->d[0];
+
+static Check NAME(straight_cells)(const NAME(Line) *line, int n, INDEX *restrict index, SHARE *restrict sz,
+                                  SHARE *restrict sy, SHARE *restrict sx, int32_t *restrict inside) {
+    LIMITS(z, line)
+    LIMITS(y, line + 1)
+    LIMITS(x, line + 2)
+    const REAL wz = line[0].w, pz = line[0].p, wy = line[1].w, py = line[1].p;
+    const REAL *restrict whole = line[2].whole, *restrict part = line[2].part;
+    const INDEX stride_z = line[0].stride, stride_y = line[1].stride;
     int32_t all = 1, finite = 1;
     SIMD_REDUCTION(&, all, finite) for (int i = 0; i < n; i++) {
         REAL cell, over;
-        CELL(wz, pz + mz * dz[i], last_z, most_z, sz[i])
+        CELL(z, wz, pz + m_z * d_z[i], sz[i])
         INDEX at = (INDEX)(int32_t)cell * stride_z;
         REAL low = over, high = over;
-        CELL(wy, py + my * dy[i], last_y, most_y, sy[i])
+        CELL(y, wy, py + m_y * d_y[i], sy[i])
         at += (INDEX)(int32_t)cell * stride_y;
-        low = low < over ? low : over;
-        high = high > over ? high : over;
-        CELL(whole[i], part[i] + mx * dx[i], last_x, most_x, sx[i])
-        low = low < over ? low : over;
-        high = high > over ? high : over;
+        WIDEN
+        CELL(x, whole[i], part[i] + m_x * d_x[i], sx[i])
+        WIDEN
         index[i] = at + (INDEX)(int32_t)cell;
         inside[i] = (low >= (REAL)-0.5) & (high < (REAL)0.5);
         all &= inside[i];
-        finite &= ((dz[i] + dy[i]) + dx[i]) * 0.f == 0.f; /* 0 times infinity, or times no number, is no number */
+        finite &= ((d_z[i] + d_y[i]) + d_x[i]) * 0.f == 0.f; /* 0 times infinity, or times no number, is no number */
     }
     return (Check){all, finite};
-#undef CELL
 }
 
+/* Within a slice that begins at `start`: y is the axis across. */
+static Check NAME(slice_cells)(const NAME(Line) *across, const NAME(Line) *along, INDEX start, int n,
+                               INDEX *restrict index, SHARE *restrict sy, SHARE *restrict sx,
+                               int32_t *restrict inside) {
+    LIMITS(y, across)
+    LIMITS(x, along)
+    const REAL wy = across->w, py = across->p;
+    const REAL *restrict whole = along->whole, *restrict part = along->part;
+    const INDEX stride = across->stride;
+    int32_t all = 1;
+    SIMD_REDUCTION(&, all) for (int i = 0; i < n; i++) {
+        REAL cell, over;
+        CELL(y, wy, py + m_y * d_y[i], sy[i])
+        const INDEX at = start + (INDEX)(int32_t)cell * stride;
+        REAL low = over, high = over;
+        CELL(x, whole[i], part[i] + m_x * d_x[i], sx[i])
+        WIDEN
+        index[i] = at + (INDEX)(int32_t)cell;
+        inside[i] = (low >= (REAL)-0.5) & (high < (REAL)0.5);
+        all &= inside[i];
+    }
+    return (Check){all, 0};
+}
+
+#undef CELL
+#undef WIDEN
+#undef LIMITS
 #undef NEAREST_VOXEL
 #undef EACH_LINE

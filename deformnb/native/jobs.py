@@ -114,3 +114,7 @@ class Loops(ctypes.Structure):
             *(("sum_lattice", 1), ("edge_distances", 1)),
         )
     ]
+
+
+STRUCTURES = (Source, Target, Field, PlaneField, VoxelList, LatticeSum, EdgeDistances, Loops)
+"""All structures, in the order in which the library states their sizes."""

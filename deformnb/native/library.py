@@ -13,7 +13,7 @@ import sys
 from functools import cache
 from pathlib import Path
 
-from deformnb.native.jobs import Loops
+from deformnb.native.jobs import STRUCTURES, Loops
 
 FOLDER_VARIABLE = "DEFORMNB_NATIVE_FOLDER"
 """The environment variable that names another folder of the library."""
@@ -87,7 +87,11 @@ def why_absent() -> str:
         return ""
     if not _path().exists():
         return f"{_path().name} is not there (python native_build.py in a checkout builds it)"
-    return f"{_VARIABLE}=off" if levels() else f"{_path().name} does not load"
+    return (
+        f"{_VARIABLE}=off"
+        if levels()
+        else f"{_path().name} does not load or is of other sources (python native_build.py builds it)"
+    )
 
 
 @cache
@@ -112,8 +116,11 @@ def _path() -> Path:
 
 @cache
 def shared_library() -> ctypes.CDLL | None:
-    """The library itself; None where it is missing or does not load."""
+    """The library itself; None where it is missing, does not load, or was built from other sources."""
+    sizes = [ctypes.sizeof(structure) for structure in STRUCTURES]
     try:
-        return ctypes.CDLL(str(_path()))
-    except OSError:
+        library = ctypes.CDLL(str(_path()))
+        found = (ctypes.c_uint32 * len(sizes)).in_dll(library, "deformnb_sizes")
+    except (OSError, ValueError):
         return None
+    return library if list(found) == sizes else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import re
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
@@ -28,6 +29,17 @@ def test_the_best_level_is_used_unless_another_is_chosen(monkeypatch: pytest.Mon
     assert library.level() == library.levels()[-1]
     with pytest.raises(ValueError, match="v99"):
         library.use_level("v99")
+
+
+@pytest.mark.skipif(not library.levels(), reason="no compiled loops")
+def test_a_library_of_other_sources_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Longer(ctypes.Structure):
+        _fields_: ClassVar = [("more", ctypes.c_int64 * 99)]
+
+    monkeypatch.setattr(library, "STRUCTURES", (Longer, *jobs.STRUCTURES[1:]))
+    assert library.shared_library.__wrapped__() is None
+    monkeypatch.setattr(library, "STRUCTURES", jobs.STRUCTURES)
+    assert library.shared_library.__wrapped__() is not None
 
 
 @pytest.mark.skipif(not SOURCES.exists(), reason="an installed package has no sources of the loops")
