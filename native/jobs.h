@@ -371,7 +371,7 @@ static void NAME(find_taps)(const Source *source, const PlaneField *field, const
         line.whole = tables->whole[axes[1]] + a * columns + c;
         line.part = tables->part[axes[1]] + a * columns + c;
         NAME(move_line)(&line, field->matrix + 2 * j, field->maps + pixel, field->maps + size + pixel);
-        line.stride = source->method == CUBIC ? 1 : source->shape[a] > 1 ? stride[j] : 0;
+        line.stride = source->method == CUBIC ? 1 : stride[j];
         if (source->method == NEAREST)
             NAME(nearest_voxels)(&line, n, taps->index[0], taps->inside);
         else
@@ -418,8 +418,8 @@ static int NAME(rows)(const Source *source, const PlaneField *field, const Targe
     NAME(Tables) tables;
     if (NAME(make_tables)(source, &tables)) return 1;
     NAME(RowTaps) taps;
-    if (normal == 2) {
-        const INDEX stride[2] = {(INDEX)steps[0], (INDEX)steps[1]};
+    if (normal == 2) { /* an axis of one voxel has no next one, which would be read with a weight of zero */
+        const INDEX stride[2] = {source->shape[0] > 1 ? (INDEX)steps[0] : 0, source->shape[1] > 1 ? (INDEX)steps[1] : 0};
         const char *samples = (const char *)source->samples + size * first;
         for (int64_t r = r0; r < r1; r++)
             for (int64_t c = c0; c < c1; c += ROW) {
@@ -432,7 +432,7 @@ static int NAME(rows)(const Source *source, const PlaneField *field, const Targe
         return 0;
     }
     const int64_t rows = source->shape[axes[0]], columns = source->shape[2], run = length < RUN ? length : RUN;
-    const INDEX stride[2] = {(INDEX)(columns * run), (INDEX)run};
+    const INDEX stride[2] = {rows > 1 ? (INDEX)(columns * run) : 0, columns > 1 ? (INDEX)run : 0};
     char *const table = malloc((size_t)(rows * columns * run + ROW * run) * size);
     if (!table) {
         free(tables.memory);

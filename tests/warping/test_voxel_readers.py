@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,9 @@ from random_warps import (
 from deformnb.errors import DeformError
 from deformnb.native import library
 from deformnb.volume.sampling import METHODS
-from deformnb.warping.voxel_readers import CompiledReader, JaxReader, make_reader
+from deformnb.volume.volume import Grid
+from deformnb.warping import planning
+from deformnb.warping.voxel_readers import CompiledReader, JaxReader, VoxelInput, make_reader
 
 pytestmark = pytest.mark.skipif(not library.levels(), reason=f"no compiled loops: {library.why_absent()}")
 
@@ -179,6 +182,26 @@ def test_a_volume_of_one_voxel_along_any_axes() -> None:
             )
             for own, other in zip(found, wanted, strict=True):
                 compare(own, other, method)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (1, 5, 6), (4, 1, 6), (4, 5, 1), (3, 4, 5)])
+def test_nothing_beside_the_voxels_is_read(shape: tuple[int, int, int]) -> None:
+    """What is not a number would be seen even with a weight of zero."""
+    rng, size = np.random.default_rng(6), int(np.prod(shape))
+    memory = np.full(3 * size, np.nan, np.float32)
+    memory[size : 2 * size] = rng.normal(size=size)
+    values = memory[size : 2 * size].reshape(shape)
+    source = replace(random_input(rng, "float32", "linear", exact=True, source=shape), values=values)
+    results = read_everything(TypedReader(CompiledReader, source), random_moves(rng, OUTPUT), rng)
+    grid = Grid(shape)
+    for normal in range(3):
+        maps = rng.uniform(-1, 1, (1, 2, *np.delete(shape, normal))).astype(np.float32)
+        matrix = np.insert([[0.0, 1.0], [1.0, 0.0]], normal, 0, axis=0).astype(np.float32)
+        given = VoxelInput(values, planning.places(grid, grid, source.compute), "linear", values.dtype.type(3))
+        for weights in (None, np.ones((1, shape[normal]), np.float32)):
+            plan = planning.Extruded(normal, maps, weights, matrix)
+            results += [read_extrusion(CompiledReader, given, plan, prepared=prepared) for prepared in (False, True)]
+    assert all(np.isfinite(result).all() for result in results)
 
 
 def test_without_loops_jax_reads() -> None:
