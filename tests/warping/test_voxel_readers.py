@@ -186,7 +186,7 @@ def test_a_volume_of_one_voxel_along_any_axes() -> None:
 
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 5, 6), (4, 1, 6), (4, 5, 1), (3, 4, 5)])
 def test_nothing_beside_the_voxels_is_read(shape: tuple[int, int, int]) -> None:
-    """What is not a number would be seen even with a weight of zero."""
+    """A value that is not a number shows even with a weight of zero."""
     rng, size = np.random.default_rng(6), int(np.prod(shape))
     memory = np.full(3 * size, np.nan, np.float32)
     memory[size : 2 * size] = rng.normal(size=size)
