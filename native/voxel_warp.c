@@ -17,7 +17,7 @@ typedef struct {
 } Pair64;
 
 enum { ROW = 256, /* voxels of a row that are read together: their places stay in the first cache */
-       RUN = 64 /* slices that are transposed together */ };
+       RUN = 32 /* slices that are transposed together */ };
 
 /* How an input axis is read by a row of the output: between voxels, at one place, or at one after the other. */
 enum { BETWEEN_VOXELS, AT_ONE, ALONG };

@@ -59,7 +59,7 @@ class VoxelInput:
 
 
 # Slices that the loops transpose together, so that parts have as many at least.
-_TRANSPOSED = 64
+_TRANSPOSED = 32
 
 
 # Single voxels that JAX reads are a multiple of this.
