@@ -134,7 +134,7 @@ def test_another_device_computes_the_same_and_keeps_what_it_computed(
         "maps": second,
     }
     assert found["wide"] == "float64"
-    assert found["host"] == ["cpu:0"]
+    assert set(found["host"]) <= {"cpu:0"}  # no array at all where compiled loops do everything
     assert found["users"] == "cpu:0"  # what the user computes with JAX stays where it was
 
 

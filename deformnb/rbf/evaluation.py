@@ -328,7 +328,7 @@ def _sum_compiled(
         is_compact=kernel.compact,
         derivatives=what is _jacobian,
     )
-    return found.reshape(-1, *found.shape[-2:]) if found.ndim > 3 else found
+    return found.reshape(int(np.prod(found.shape[:-2])), *found.shape[-2:])
 
 
 def check_parts(components: Iterable[Any]) -> tuple[tuple[Any, ...], Any]:

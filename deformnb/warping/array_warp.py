@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from deformnb._jax import jax, jnp
+from deformnb._jax import check_process, jax, jnp
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.volume import sampling
@@ -65,6 +65,7 @@ def warp_array(
     >>> jax.grad(lambda d: warp_array(ramp, d, grid).sum())(d)[0].tolist()
     [[[10.0, 10.0, 10.0, 0.0]]]
     """
+    check_process()
     output = grid if output is None else output
     values, d = jnp.asarray(values), jnp.asarray(displacements, jnp.float32)
     if values.shape != grid.shape or d.shape != (3, *output.shape):

@@ -15,6 +15,7 @@ import scipy.interpolate
 import skimage.transform
 from scipy.spatial.transform import Rotation
 
+from deformnb import devices
 from deformnb._jax import float64
 from deformnb.errors import DeformError
 from deformnb.native import library
@@ -506,7 +507,7 @@ def test_a_picture_far_from_its_origin_is_evaluated_as_fast(monkeypatch: pytest.
     assert used == [np.float32, np.float32]
 
 
-@pytest.mark.skipif(not library.levels(), reason="no compiled loops")
+@pytest.mark.skipif(not (library.levels() and devices.is_host()), reason="no compiled loops")
 @pytest.mark.parametrize(("noise", "kind"), [(0.2, np.float32), (0.6, np.float64)])
 def test_a_sample_of_the_picture_decides_about_float32_where_its_estimate_is_too_large(
     noise: float, kind: type, monkeypatch: pytest.MonkeyPatch

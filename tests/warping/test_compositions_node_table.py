@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from voxelwise import chain_at_voxels, values_at_voxels
 
+from deformnb import devices
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.exactness import SHARES
@@ -199,6 +200,7 @@ def test_fields_of_unknown_smoothness_are_evaluated_at_every_voxel() -> None:
     assert np.abs(np.moveaxis(d, 0, -1) - wanted).max() < 1e-4
 
 
+@pytest.mark.skipif(not devices.is_host(), reason="a GPU evaluates all voxels")
 @pytest.mark.parametrize("kernel", ["wendland_c2", "gaussian", "thin_plate"])
 def test_a_fit_of_many_points_is_read_from_nodes_to_a_thousandth_of_a_voxel(kernel: str) -> None:
     grid = Grid((96, 104, 110), (1.0, 1.25, 0.8), (100.0, -40.0, 7.0))
