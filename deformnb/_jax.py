@@ -256,7 +256,7 @@ def check_process() -> None:
     _watch_forks()
     if _is_forked:
         raise DeformError(
-            "this process was made by fork from one that had deformed something already, and computing "
+            "this process was made by fork from one that had used JAX already, and computing "
             'here would hang for ever; start processes with multiprocessing.get_context("spawn"), or '
             'ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")).'
         )
