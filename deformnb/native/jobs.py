@@ -26,6 +26,9 @@ RADIAL_FUNCTIONS = (
 )
 """Names of the radial functions in the order of ``native/radial_sums.c``."""
 
+TRANSPOSED_SLICES = 32
+"""Slices that are transposed together where they lie apart in memory: parts of the work should have as many."""
+
 _Address = ctypes.c_void_p
 _Int = ctypes.c_int64
 

@@ -14,6 +14,7 @@ from deformnb import devices
 from deformnb._jax import as_numpy
 from deformnb.errors import DeformError
 from deformnb.native import library
+from deformnb.native.jobs import TRANSPOSED_SLICES
 from deformnb.native.source import NotFiniteError, VoxelSource
 from deformnb.rbf.evaluation import few_sizes
 from deformnb.volume import sampling
@@ -56,10 +57,6 @@ class VoxelInput:
         if METHODS[self.method].is_spline:
             return sampling.spline_coefficients(self.values, self.compute)
         return self.values
-
-
-# Slices that the loops transpose together, so that parts have as many at least.
-_TRANSPOSED = 32
 
 
 # Single voxels that JAX reads are a multiple of this.
@@ -172,7 +169,7 @@ class CompiledReader:
             source.read_slices(box, start, plan.maps, plan.weights, 2 if is_turned else normal, first, matrix)
 
         n = out.shape[across]
-        most = max(_TRANSPOSED * is_transposed, planning.BLOCK_VOXELS * n // out.size)
+        most = max(TRANSPOSED_SLICES * is_transposed, planning.BLOCK_VOXELS * n // out.size)
         run(planning.parts(n, min(most, -(-n // planning.processors()))), work)  # a part for each processor
         return out.transpose(np.argsort(order)) if is_turned else out
 

@@ -22,9 +22,10 @@ _NAME = "deformnb_general"
 def can_call() -> bool:
     """Check whether XLA can call the loops in use on a processor."""
     loops, compiled = library.loops(), library.shared_library()
-    if loops is None or compiled is None:
+    version = None if loops is None else read_version()
+    if loops is None or compiled is None or version is None:
         return False
-    compiled.deformnb_xla_use(ctypes.byref(loops), *_versions())
+    compiled.deformnb_xla_use(ctypes.byref(loops), *version)
     return _register()
 
 
@@ -71,8 +72,11 @@ def _register() -> bool:
 
 
 @cache
-def _versions() -> tuple[int, int]:
-    """The version of XLA's structures that jaxlib is built with, from its header."""
-    header = (Path(jax.ffi.include_dir()) / "xla/ffi/api/c_api.h").read_text(encoding="utf-8")
-    major, minor = (int(n) for n in re.findall(r"#define XLA_FFI_API_(?:MAJOR|MINOR) (\d+)", header))
-    return major, minor
+def read_version() -> tuple[int, int] | None:
+    """The version (major, minor) of XLA's structures, from the header of jaxlib; None where it has none."""
+    try:
+        header = (Path(jax.ffi.include_dir()) / "xla/ffi/api/c_api.h").read_text(encoding="utf-8")
+    except OSError:
+        return None
+    found = [re.search(rf"#define XLA_FFI_API_{name} (\d+)", header) for name in ("MAJOR", "MINOR")]
+    return (int(found[0][1]), int(found[1][1])) if found[0] and found[1] else None

@@ -61,8 +61,10 @@ def test_structures_have_the_fields_of_the_header_in_order(name: str) -> None:
 
 
 @pytest.mark.skipif(not SOURCES.exists(), reason="an installed package has no sources of the loops")
-def test_names_have_the_order_of_the_enumerations() -> None:
+def test_names_and_numbers_are_those_of_the_sources() -> None:
     header = (SOURCES / "loops.h").read_text(encoding="utf-8")
+    warp = (SOURCES / "voxel_warp.c").read_text(encoding="utf-8")
+    assert re.findall(r"\bRUN = (\d+)", warp) == [str(jobs.TRANSPOSED_SLICES)]
     assert tuple(map(str.lower, re.findall(r"enum \{ ([A-Z0-9, ]+), VOXEL_TYPES", header)[0].split(", "))) == (
         jobs.VOXEL_TYPES
     )
