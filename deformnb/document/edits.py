@@ -9,6 +9,7 @@ changed by going to it (:func:`document_at_key`), editing, and storing the resul
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -86,6 +87,33 @@ def points_between(maps: list[ControlPoints], knots: list[float], index: int) ->
     )
 
 
+def is_edited(step: Step, untouched: Step) -> bool:
+    """Check whether a step has points, cuts or parts that its initial state does not have."""
+    return step.maps != untouched.maps or bool(step.cuts or step.parts)
+
+
+_VIEW_NAME = re.compile(r"view ([0-9]{1,9})")
+
+
+def is_view_name(name: str) -> bool:
+    """Check whether a name is one that :func:`next_view_name` gives."""
+    return _VIEW_NAME.fullmatch(name) is not None
+
+
+def next_view_name(deformation: Deformation) -> str:
+    """The name of one more oblique view: "view 1", or one more than the largest number in the document.
+
+    Examples
+    --------
+    >>> plane = Plane.from_normal((0, 0, 0), (1, 1, 0))
+    >>> next_view_name(Deformation((Step((ControlPoints.from_arrays([[1, 1]]),), plane, name="view 3"),)))
+    'view 4'
+    """
+    every = [*deformation.steps, *(step for key in deformation.keyframes for step in key.steps)]
+    numbers = [int(found[1]) for step in every if (found := _VIEW_NAME.fullmatch(step.name))]
+    return f"view {max(numbers, default=0) + 1}"
+
+
 def turn_picture(
     deformation: Deformation, index: int, new: Step, untouched: Step, side_of: Callable[[Plane | None], str]
 ) -> tuple[Deformation, int, str]:
@@ -102,7 +130,7 @@ def turn_picture(
     """
     steps = list(deformation.steps)
     old = steps[index]
-    is_used = old.maps != untouched.maps or bool(old.cuts or old.parts)
+    is_used = is_edited(old, untouched)
     there = max((k for k, step in enumerate(steps) if step.plane == new.plane and k != index), default=None)
     if there is not None:
         if not is_used:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from deformnb.document.deformation import Deformation
 from deformnb.document.transplant import with_true_spacing
@@ -183,6 +184,41 @@ class Session:
             if plane != self.editing.step.plane:
                 self.pictures.depth = 0.0
                 self.steps.turn(plane)
+
+    def edit_view(self, direction: ArrayLike, up: ArrayLike | None = None) -> None:
+        """Edit on the picture that a camera sees, by parallel rays: any view is a side.
+
+        The plane goes through the middle of the volume. A camera that stands on one of the sides, or on the view of a
+        step, leads there; otherwise as :meth:`set_view`, on a step that is named "view 1", "view 2", and so on.
+
+        Parameters
+        ----------
+        direction : of view, (x, y, z) in space, any length.
+        up : what points up; default is +z, or -y for a view along z.
+
+        Examples
+        --------
+        >>> from deformnb.datasets import PHANTOMS
+        >>> session = Session(PHANTOMS["bar"].make((8, 8, 16)))
+        >>> session.edit_view((1, 1, -0.4))
+        >>> session.steps.titles()
+        ['view 1']
+        """
+        self.set_view(self.steps.plane_from(direction, up))
+
+    def turn_view(self, *, up: float = 0.0, right: float = 0.0, roll: float = 0.0) -> None:
+        """Edit on a picture that is turned by degrees about the axes of this one.
+
+        Parameters
+        ----------
+        up, right, roll : how the viewer moves, as of :meth:`Plane.turned_directions
+            <deformnb.volume.plane.Plane.turned_directions>`.
+        """
+        self.edit_view(*self.editing.plane.turned_directions(up, right, roll))
+
+    def set_back(self) -> None:
+        """Edit on the nearest of the six sides again, in place of an oblique view."""
+        self.set_view(self.steps.nearest_side(self.editing.plane))
 
     # -- documents -----------------------------------------------------------------------------------------------------
 

@@ -6,7 +6,11 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-from deformnb.document.edits import turn_picture
+import numpy as np
+from numpy.typing import ArrayLike
+
+from deformnb.document.deformation import Step
+from deformnb.document.edits import is_edited, is_view_name, next_view_name, turn_picture
 from deformnb.errors import DeformError
 from deformnb.session.editing import Editing
 from deformnb.volume.plane import SIDES, VIEWS, Plane
@@ -98,17 +102,53 @@ class Steps:
     def turn(self, plane: Plane) -> None:
         """Edit on another side: return to the step on this plane, or begin a new one after all others.
 
-        A step without edits is turned instead.
+        A step without edits is turned instead. The step of an oblique plane gets the name "view 1", or the next one
+        that the document does not have.
         """
         editing = self._editing
         with editing.lock:
-            step = editing.step
+            step, untouched = editing.step, editing.initial_step(editing.step.plane)
             new = replace(editing.initial_step(plane), kernel=step.kernel, trend=step.trend)
+            new = replace(new, name=self._name_on(plane, None if is_edited(step, untouched) else step))
+            is_new = self.view_of(plane) is None and plane not in self.oblique_views()
             deformation, index, notice = turn_picture(
-                editing.deformation, editing.index, new, editing.initial_step(step.plane), self.side_of
+                editing.deformation,
+                editing.index,
+                new,
+                untouched,
+                lambda seen: new.name if is_new and seen is plane else self.side_of(seen),
             )
             editing.edit_document(deformation, "turn the picture", index, key=0)
             editing.notice = notice
+
+    def _name_on(self, plane: Plane, turned: Step | None) -> str:
+        """The name of a step that begins on a plane; the step that is turned, if any, keeps its own."""
+        is_side = self.view_of(plane) is not None
+        if turned is not None and turned.name and not (is_side and is_view_name(turned.name)):
+            return turned.name
+        return "" if is_side else next_view_name(self._editing.deformation)
+
+    def plane_from(self, direction: ArrayLike, up: ArrayLike | None = None) -> Plane:
+        """The plane of a picture from a camera: that of a step or a side which is seen so, else a new one.
+
+        Parameters
+        ----------
+        direction, up : of the camera, as of :meth:`Plane.from_normal <deformnb.volume.plane.Plane.from_normal>`.
+
+        Raises
+        ------
+        DeformError
+            For a direction of zero, or an up vector along it.
+        """
+        plane = Plane.from_camera(self._editing.grid, direction, up)
+        steps = reversed(self._editing.deformation.steps)
+        planes = (step.plane for step in steps if step.plane is not None)
+        return next((known for known in planes if known.has_same_directions(plane)), plane)
+
+    def nearest_side(self, plane: Plane) -> str:
+        """The name of the side from which a picture differs least."""
+        sides = ((name, Plane.from_view(self._editing.grid, name)) for name in VIEWS)
+        return max(sides, key=lambda side: float(np.dot(side[1].normal, plane.normal)))[0]
 
     def _change(self, index: int, label: str, **fields: Any) -> None:
         editing = self._editing
@@ -134,8 +174,19 @@ class Steps:
         return None if plane is None else _sides_of(self._editing.grid).get(plane)
 
     def side_of(self, plane: Plane | None) -> str:
-        """The side of a plane in words: "from above", "oblique", or "in space" for none."""
-        return "in space" if plane is None else SIDES.get(self.view_of(plane) or "", "oblique").split(" (")[0]
+        """The side of a plane in words: "from above", "in space" for none; of an oblique one the name of its step."""
+        if plane is None:
+            return "in space"
+        side = self.view_of(plane)
+        return self.oblique_views().get(plane, "oblique") if side is None else SIDES[side].split(" (")[0]
+
+    def oblique_views(self) -> dict[Plane, str]:
+        """The oblique planes of the steps, and the name of the first step on each, or "oblique" without one."""
+        views: dict[Plane, str] = {}
+        for step in self._editing.deformation.steps:
+            if step.plane is not None and self.view_of(step.plane) is None and not views.get(step.plane):
+                views[step.plane] = step.name
+        return {plane: name or "oblique" for plane, name in views.items()}
 
     def titles(self) -> list[str]:
         """Titles of the steps: their names, or else their sides, numbered where a side comes again."""

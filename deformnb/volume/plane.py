@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Float3
-from deformnb.checks import check_fields, finite_array
+from deformnb.checks import check_fields, finite_array, finite_number
 from deformnb.errors import DeformError
 from deformnb.volume.colour_maps import colour_table
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, VolumeLike, as_finest_grid, as_grid
@@ -32,6 +32,10 @@ SIDES = {
     "+z": "from below (+z)",
 }
 """The six views in words, for a patient or an animal in LPS."""
+
+SAME_DIRECTION = 1e-6
+"""Largest difference of the unit vectors of two pictures of one side: cameras of front ends are rounded in their turns,
+and over a volume of a thousand voxels so much is a thousandth of one."""
 
 # Up of the picture for each viewing axis: the head (superior, +z) is up in side and front views; an axial picture has
 # the front of the patient (-y) up. Radiologists expect exactly this.
@@ -252,6 +256,62 @@ class Plane:
         v = down / np.linalg.norm(down)
         u = np.cross(v, n)
         return cls(_triple(origin, "origin"), _triple(u + 0.0, "u"), _triple(v + 0.0, "v"))
+
+    @classmethod
+    def from_camera(cls, grid: Grid | VolumeLike, direction: ArrayLike, up: ArrayLike | None = None) -> Plane:
+        """The plane of a picture of ``grid`` from any camera: through its middle, or that of a side seen straight.
+
+        Parameters
+        ----------
+        grid : a volume or its grid.
+        direction, up : of the camera, as of :meth:`from_normal`.
+
+        Examples
+        --------
+        >>> grid = Grid((4, 5, 6))
+        >>> Plane.from_camera(grid, (0, 2, 0), (0, 0, 1)) == Plane.from_view(grid, "+y")
+        True
+        >>> Plane.from_camera(grid, (1, 1, 0)).origin
+        (2.5, 2.0, 1.5)
+        """
+        grid = as_finest_grid(grid)
+        plane = cls.from_normal(grid.center, direction, up)
+        sides = (cls.from_view(grid, view) for view in VIEWS)
+        return next((side for side in sides if side.has_same_directions(plane)), plane)
+
+    def has_same_directions(self, other: Plane) -> bool:
+        """Check whether both pictures are seen along the same direction, with the same side up."""
+        return bool(np.abs(self.frame - other.frame).max() < SAME_DIRECTION)
+
+    def turned_directions(
+        self, up: float = 0.0, right: float = 0.0, roll: float = 0.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Direction of view and up vector of a viewer who moves around the picture's axes, in this order.
+
+        Parameters
+        ----------
+        up : degrees about the axis to the right: more of the object is seen from above.
+        right : degrees about the axis down the picture: more of it is seen from the right.
+        roll : degrees about the direction of view: the picture turns clockwise.
+
+        Examples
+        --------
+        >>> front = Plane((0, 0, 0), (1, 0, 0), (0, 0, -1))
+        >>> direction, _ = front.turned_directions(right=90)
+        >>> (direction.round(9) + 0.0).tolist()
+        [-1.0, 0.0, 0.0]
+        """
+        u, v, n = np.array(self.frame)
+        for name, angle in (("up", up), ("right", right), ("roll", roll)):
+            turn = finite_number(angle, "the angles of a turn are degrees")
+            c, s = np.cos(np.deg2rad(turn)), np.sin(np.deg2rad(turn))
+            if name == "up":
+                v, n = c * v - s * n, c * n + s * v
+            elif name == "right":
+                u, n = c * u + s * n, c * n - s * u
+            else:
+                u, v = c * u - s * v, c * v + s * u
+        return n, -v
 
     def depth_range(self, grid: Grid | VolumeLike) -> tuple[float, float]:
         """Smallest and largest depth c of the voxel centres of ``grid``: zeta = 0 and 1 of an extrusion."""

@@ -238,7 +238,9 @@ class Walk:
         if not field.is_replication:
             errors = _curve_errors(field, depth.ravel(), max(_sides(depth[None])))
             for error, d in zip(errors, moves, strict=True):
-                self.error[...] += error.reshape(depth.shape) * np.linalg.norm(d, axis=0)
+                length = np.linalg.norm(d, axis=0)
+                # The error of weights may be infinite, and where nothing moves it makes none.
+                self.error[...] += np.where(length > 0, error.reshape(depth.shape), 0.0) * length
         weights = field.weights_at(depth[:1, :1, :1] if field.is_replication else depth)
         return rotate(field.plane.frame[:2].T, sum(w * d for w, d in zip(weights, moves, strict=True)))
 
