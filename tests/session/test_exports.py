@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Keyframe, VolumeReference
 from deformnb.document.script import UNKNOWN_VOLUME
 from deformnb.errors import Cancelled, DeformError, FileChangedError, VolumeFileError
 from deformnb.io.documents import read_deformation
 from deformnb.io.volumes.formats import FORMATS, read_volume, write_volume
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
-from deformnb.session.inputs import as_deformation, best_view, volume_from
+from deformnb.session.inputs import as_deformation, best_view, silhouette_length, volume_from
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume, voxel_checksum
 from deformnb.widgets.view.live_view import LiveView
@@ -353,6 +354,47 @@ def test_the_first_picture_shows_the_broad_side(axis: int, view: str) -> None:
     cut[axis] = slice(9, 11)
     values[tuple(cut)] = 150
     assert best_view(Volume.from_array(values)) == view
+
+
+@pytest.mark.parametrize(
+    ("name", "views"),
+    [
+        ("bar", ("+y", "-z")),  # as broad as deep
+        ("fish", ("-x",)),
+        ("knee", ("-x",)),  # from the side: where it bends
+        ("lobster", ("-z",)),
+        ("head", ("-x",)),
+        ("horse", ("-x",)),
+        ("abdomen", ("+y",)),
+    ],
+)
+def test_the_first_picture_of_a_phantom_is_that_of_an_atlas(name: str, views: tuple[str, ...]) -> None:
+    assert best_view(PHANTOMS[name].make()) in views
+
+
+@pytest.mark.parametrize(
+    ("name", "view"),
+    [
+        ("abdomen_ct.nii.gz", "+y"),
+        ("carp.nii.gz", "-x"),
+        ("head_ct.nii.gz", "-x"),
+        ("knee_mr_bent.nrrd", "+y"),  # its front is broader, and a rectangle
+        ("knee_mr_straight.nrrd", "+y"),
+        ("lobster.nrrd", "-z"),
+    ],
+)
+def test_the_first_picture_of_a_real_volume_is_that_of_an_atlas(real_data: Any, name: str, view: str) -> None:
+    assert best_view(volume_from(real_data(name))) == view
+
+
+@pytest.mark.parametrize("spacing", [(1.0, 1.0), (0.5, 2.0)])
+def test_the_length_of_a_silhouette_is_that_of_its_outline(spacing: tuple[float, float]) -> None:
+    rows, columns = (round(100 / step) for step in spacing)
+    silhouette = np.zeros((rows, columns), bool)
+    silhouette[: rows // 2, columns // 4 : 3 * columns // 4] = True  # a square of side 50 that the picture cuts off
+    assert silhouette_length(silhouette, spacing) == pytest.approx(200, rel=0.04)  # corners are rounded
+    noisy = silhouette ^ (np.random.default_rng(0).random(silhouette.shape) < 0.002)
+    assert silhouette_length(noisy, spacing) < 1.6 * silhouette_length(silhouette, spacing)
 
 
 def test_what_is_given_is_opened(session: Session, tmp_path: Path) -> None:
