@@ -203,6 +203,25 @@ class Editing(traitlets.HasTraits):
             step = _rename_points(self.step.with_points(points, self.key), self.key, self.points)
             self.edit_document(self.deformation.with_step(self.index, step), label, kind=kind)
 
+    def edit_fit(self, points: ControlPoints, fields: dict[str, Any], label: str) -> None:
+        """Other control points and other settings of their fit, as one edit.
+
+        Parameters
+        ----------
+        fields : of the step, such as ``{"stages": 4}``.
+        label : name of the edit, for the history; the settings are added to it.
+
+        Raises
+        ------
+        DeformError
+            If they cannot be fitted; everything stays as it was.
+        """
+        with self.lock:
+            named = " and ".join(STEP_LABELS.get(name, name) for name in fields)
+            points = replace(points.to_unit(self.grid.unit), unit="")
+            maps = _rename_points(self.step.with_points(points, self.key), self.key, self.points).maps
+            self.change(f"{label}, change {named}" if label else f"change {named}", **{**fields, "maps": maps})
+
     def change(self, label: str = "", kind: str | None = None, *, slides: bool = False, **fields: Any) -> None:
         """Change fields of the step being edited, such as ``kernel="gaussian"``.
 

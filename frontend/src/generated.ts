@@ -249,6 +249,14 @@ export interface MovedPart {
   motion: MotionData | null;
 }
 
+/** Settings of the fit that an edit of points changes with them. */
+export interface FitChange {
+  /** Null is chosen by the points; from 0. */
+  support?: number | null;
+  /** Their number; 1 to 64. */
+  stages?: number;
+}
+
 /** Control points that are being dragged or were edited. */
 export interface PointsEdit {
   type: "edit";
@@ -268,6 +276,8 @@ export interface PointsEdit {
   points: PointData[];
   /** A rigid part that is being dragged. */
   part?: MovedPart | null;
+  /** Settings of the fit that the edit changes too. */
+  fit?: FitChange | null;
   /** Hz, pictures per second of the drag that ends, and ms, milliseconds to a picture. */
   drawn?: Record<string, number>;
 }

@@ -109,7 +109,11 @@ function editorAnswers(model: () => PlainModel): (message: Values) => void {
         isMove = message.type === "edit" && message.phase === "move";
       if (message.type === "shapes") m.update({ [message.what]: message.shapes });
       if (message.type === "edit" && !isMove)
-        m.update({ points: message.points, next_id: Math.max(message.next_id ?? 0, m.get("next_id")) });
+        m.update({
+          points: message.points,
+          next_id: Math.max(message.next_id ?? 0, m.get("next_id")),
+          ...(message.fit && { settings: { ...m.get("settings"), ...message.fit } }),
+        });
       if (!isMove) m.update({ seen: { ...m.get("seen"), [sender]: seq } });
       m.receive({ type: "done", sender, seq } satisfies EditDone);
     });

@@ -10,7 +10,9 @@ from browser.editor_page import PAGE, EditorOnPage
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
+from deformnb.document.json_regions import region_to_data
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import Mask
 from deformnb.volume.plane import Picture
 from deformnb.widgets.editor.editor import Editor
 
@@ -176,11 +178,11 @@ def test_the_menu_turns_too_and_tells_what_it_cannot(open_editor: Any, picture: 
     assert page.points.target[[1, 2]] == pytest.approx(turned(points.target[[1, 2]], about, 15), abs=1e-9)
     assert menu.is_hidden()
     page.page.locator("[data-command=more]").click()
-    for _ in range(3):
+    for _ in range(2):
         page.page.keyboard.press("ArrowDown")
     page.page.keyboard.press("Enter")
     page.wait_answered()
-    assert page.editor.stop_at_folds
+    assert page.editor.snap > 0
     assert menu.is_hidden()
     assert page.page.locator(".dnb-ed-bar").bounding_box()["height"] < 45  # one row, as in the studio
 
@@ -300,13 +302,14 @@ def test_targets_snap_to_the_nodes_of_the_drawn_grid(open_editor: Any, picture: 
 
 
 def test_points_stop_before_the_picture_folds(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
-    editor = Editor(picture, points, stop_at_folds=True)
+    editor = Editor(picture, points)
     page = open_editor(editor)
+    assert page.page.locator("[data-command=stop]").get_attribute("aria-pressed") == "true"  # from the beginning
     far = np.array(page.to_screen([70, 25]))
     page.drag([70, 25], (330, 60), steps=12)
     stopped = page.points.target[4]
     status = page.page.locator(".dnb-ed-notes").inner_text()
-    assert status.startswith("Stopped before the picture folds")
+    assert status.startswith("Stopped before tissue folds")
     assert 0.04 < page.js(f"{PAGE}.map.folds.least") < 0.12
     way = np.array(page.to_screen(stopped)) - far
     assert np.cross([*way, 0], [330, 60, 0])[2] == pytest.approx(0, abs=1e-6 * 330 * 330)
@@ -351,3 +354,89 @@ def test_what_is_folded_already_can_be_moved_back(open_editor: Any, picture: Pic
     k = page.js(f"{PAGE}.viewport.view.k")
     page.drag([125, 40], (-45 * k, -10 * k), steps=6)
     assert page.points.target[4] == pytest.approx([80, 30], abs=1)
+
+
+# ---- what gets further than the stop --------------------------------------------------------------------------------
+
+
+def offers(page: EditorOnPage) -> dict[str, str]:
+    """The buttons of the bar that says where a drag was stopped, and their words."""
+    page.wait(f"!{PAGE}.tools.foldOffers.isTrying && !document.querySelector('.dnb-ed-fold-bar').hidden")
+    found = page.page.locator(".dnb-ed-fold-bar [data-offer]")
+    return {found.nth(k).get_attribute("data-offer"): found.nth(k).inner_text() for k in range(found.count())}
+
+
+def assert_same_places(found: ControlPoints, expected: ControlPoints) -> None:
+    """The same points; ids that were given since count on."""
+    assert found.ids == expected.ids
+    assert found.target == pytest.approx(expected.target, abs=1e-9)
+
+
+def test_each_way_that_is_offered_goes_on_to_the_pointer_as_one_step(open_editor: Any, picture: Picture) -> None:
+    corners = [[11, -30], [129, -30], [129, 77], [11, 77]]
+    start = ControlPoints.from_arrays([*corners, [45, 20], [70, 20], [70, 45], [45, 45]])
+    page = open_editor(Editor(picture, start, support=60.0))
+    way = np.array([34.0, 8.0])
+    k = page.js(f"{PAGE}.viewport.view.k")
+    drag = tuple(k * way)
+    page.drag(start.target[5], drag, steps=6)
+    stopped = page.points
+    share = float(np.linalg.norm(stopped.target[5] - start.target[5]) / np.linalg.norm(way))
+    assert 0.05 < share < 0.9
+    found = offers(page)
+    words = page.page.locator(".dnb-ed-fold-bar").inner_text()
+    assert f"Stopped before tissue folds, at {100 * share:.0f} % of the drag" in words
+    assert {"stages", "points"} <= set(found)
+    for name, text in found.items():
+        page.page.locator(f"[data-offer={name}]").click()
+        page.wait_answered()
+        far = float((page.points.target[5] - start.target[5]) @ way / (way @ way))
+        assert far > share + 0.04
+        assert far == pytest.approx(float(text.split(":")[1].strip(" %")) / 100 if ":" in text else 1.0, abs=0.01)
+        assert page.js(f"{PAGE}.map.folds.least") > 0
+        assert page.page.locator(".dnb-ed-fold-bar").is_hidden()
+        page.page.locator(".dnb-ed-stage").focus()
+        page.page.keyboard.press("Control+z")
+        page.wait_answered()
+        assert_same_places(page.points, stopped)
+        assert (page.editor.settings.stages, page.editor.settings.support) == (1, 60.0)
+        assert not page.editor.parts
+        page.page.keyboard.press("Control+z")
+        page.wait_answered()
+        assert_same_places(page.points, start)
+        page.drag(start.target[5], drag, steps=6)
+        assert_same_places(page.points, stopped)
+        assert offers(page) == found
+
+
+def test_only_what_gets_further_is_offered(open_editor: Any, picture: Picture) -> None:
+    locked = ControlPoints.from_arrays([[60, 20], [64, 20], [56, 20]])
+    locked = locked.edit(1, locked=True).edit(2, locked=True)
+    page = open_editor(Editor(picture, locked, stages=64, support=500.0, kernel="wendland_c2"))
+    k = page.js(f"{PAGE}.viewport.view.k")
+    page.drag([60, 20], (10 * k, 0))  # through a point that is held, in as many stages as there are
+    assert offers(page) == {}
+    assert "hold fewer points" in page.page.locator(".dnb-ed-fold-bar").inner_text()
+    page.page.keyboard.press("Escape")
+
+
+def test_a_drag_that_is_not_stopped_offers_nothing(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
+    page.drag(points.target[4], (9, 5))
+    assert page.page.locator(".dnb-ed-fold-bar").is_hidden()
+    assert not page.js(f"{PAGE}.tools.foldOffers.isTrying")
+
+
+def test_tissue_at_another_depth_stops_a_drag_on_a_slice(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    air = float(picture.values.max())  # the slice shows nothing but air
+    behind = Mask(np.ones(picture.raster.shape, bool), picture.raster)
+    page = open_editor(Editor(picture, points, air=air, tissue=region_to_data(behind)))
+    page.drag([70, 25], (330, 60), steps=12)
+    assert page.page.locator(".dnb-ed-notes").inner_text().startswith("Stopped before tissue folds")
+    page.page.keyboard.press("Control+z")
+    page.editor.tissue = region_to_data(Mask(~behind.values, picture.raster))
+    page.wait_settled()
+    page.drag([70, 25], (330, 60), steps=12)
+    assert np.array(page.to_screen(page.points.target[4])) - page.to_screen([70, 25]) == pytest.approx([330, 60], abs=1)

@@ -272,6 +272,8 @@ class EditedPoints(SyncedWidget):
                 self._drawn = _measurements(message.drawn) or self._drawn
                 self.edit_under_way = message
                 try:
+                    if message.fit is not None:
+                        self.change(**message.fit.as_dict())
                     self.points = message.points
                 finally:
                     self.edit_under_way = None

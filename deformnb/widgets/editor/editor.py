@@ -185,6 +185,8 @@ class Editor(EditedPoints):
         beyond the picture itself; empty for no farther than that.
     air : value of the picture up to which there is air: folds in the air around the body are distinguished. Default is
         None, for which all of the picture counts.
+    tissue : mask of tissue at any depth on the picture's plane, as documents hold a region: decides instead of ``air``
+        where folds are in air. Default is {}.
     lone_support : reach of a single point without trend; default is a quarter of the picture's diagonal.
     cuts, parts : lists of :class:`~deformnb.rbf.cuts.Cut` and :class:`~deformnb.rbf.rigid.RigidPart` of dimension 2, or
         the plain data of :mod:`deformnb.document.json_format`, which the traits then hold.
@@ -198,8 +200,8 @@ class Editor(EditedPoints):
     one of them that is chosen there, ``{"what": "parts", "index": 1}`` or {} for none; it stays with its shape when the
     list changes. ``mirror`` is ``{"on": bool, "axis": "a" | "b", "at": number}``: while on, actions of the pointer
     on one side of the line a = at (or b = at; None is the middle of the picture) are done on the other side too.
-    ``snap`` is the step of a grid to which dragged targets snap, 0 for none; ``stop_at_folds`` holds them back before
-    the map folds; ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
+    ``snap`` is the step of a grid to which dragged targets snap, 0 for none; ``stop_at_folds``, which is on at first,
+    stops drags before tissue folds; ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
     ``ghost`` is another picture (PNG) that fills the box of this one, drawn over it with ``ghost_opacity``.
     ``selected`` holds the ids of the selected points. ``history`` is {} where the front end has its own
     undo. A history in Python sets it to ``{"undo": "move nose", "redo": ""}``: the edits that would be undone and
@@ -245,7 +247,7 @@ class Editor(EditedPoints):
     density = traitlets.Int(16, min=0, max=64).tag(sync=True)
     show_grid = traitlets.Bool(True).tag(sync=True)
     show_radius = traitlets.Bool(False).tag(sync=True)
-    stop_at_folds = traitlets.Bool(False).tag(sync=True)
+    stop_at_folds = traitlets.Bool(True).tag(sync=True)
     front_only = traitlets.Bool(
         None, allow_none=True, help="whether the depth is deformed in front only; None where no callback answers"
     ).tag(sync=True)
@@ -259,6 +261,9 @@ class Editor(EditedPoints):
     ghost_opacity = traitlets.Float(0.0, min=0.0, max=1.0).tag(sync=True)
     raster = traitlets.Dict().tag(sync=True)
     air = traitlets.Float(None, allow_none=True, help="value of the picture up to which nothing is seen").tag(sync=True)
+    tissue = traitlets.Dict(
+        help="mask of tissue at any depth, as documents hold it; {} where the picture shows it"
+    ).tag(sync=True)
     beyond = traitlets.List(traitlets.Float(), help="how far tissue off the picture is drawn").tag(sync=True)
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
     window = traitlets.List(traitlets.Float(), help="values shown as black and white, set manually").tag(sync=True)

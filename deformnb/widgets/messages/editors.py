@@ -9,6 +9,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from msgspec.structs import force_setattr
 
 from deformnb.rbf.rigid import RigidPart
+from deformnb.rbf.stages import MOST_STAGES
 from deformnb.widgets.messages.points import Points
 from deformnb.widgets.messages.record import (
     LONGEST_EDIT,
@@ -77,6 +78,20 @@ class MovedPart(Struct, frozen=True, kw_only=True):
     motion: Annotated[Motion | None, Meta(description="null at rest")] = None
 
 
+class FitChange(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Settings of the fit that an edit of points changes with them."""
+
+    support: Annotated[
+        Annotated[float, Meta(gt=0, lt=1e300)] | UnsetType | None, Meta(description="null is chosen by the points")
+    ] = UNSET
+    stages: Annotated[Annotated[int, Meta(ge=1, le=MOST_STAGES)] | UnsetType, Meta(description="their number")] = UNSET
+
+    def as_dict(self) -> dict[str, Any]:
+        """The settings that are changed, by the names of a step."""
+        given = {"support": self.support, "stages": self.stages}
+        return {name: value for name, value in given.items() if value is not UNSET}
+
+
 class PointsEdit(FromWindow, frozen=True, kw_only=True, tag="edit"):
     """Control points that are being dragged or were edited."""
 
@@ -86,6 +101,7 @@ class PointsEdit(FromWindow, frozen=True, kw_only=True, tag="edit"):
     next_id: Annotated[Whole, Meta(description="least id that was never given")] = 0
     points: Annotated[Points, Meta(description="all points after the edit")]
     part: Annotated[MovedPart | None, Meta(description="a rigid part that is being dragged")] = None
+    fit: Annotated[FitChange | None, Meta(description="settings of the fit that the edit changes too")] = None
     drawn: Annotated[
         Any,
         Meta(

@@ -9,15 +9,19 @@ from __future__ import annotations
 
 import threading
 import time
+import weakref
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from deformnb._weak import weakly
 from deformnb.document.deformation import Step
+from deformnb.document.json_regions import region_to_data
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.regions import Mask
 from deformnb.rbf.support import lone_support
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
@@ -78,6 +82,7 @@ def show_view_state(editor: Any, session: Session) -> None:
         editor.window = list(session.pictures.window or ())
         editor.colour_map = session.pictures.colour_map
         editor.air = _air(session)
+        editor.tissue = tissue_on_picture(session)
         slices = (
             session.pictures.slices
             if session.pictures.method == "slice" and session.editing.step.plane is not None
@@ -96,6 +101,35 @@ def _air(session: Session) -> float | None:
     ):
         return None
     return foreground_level(session.volume)
+
+
+_MOST_VOXELS = 128  # along each axis of the mask of tissue: a fold is wider
+
+
+def tissue_on_picture(session: Session) -> dict[str, Any]:
+    """The mask of tissue at any depth behind the picture, as documents hold it; {} where the picture itself shows that.
+
+    A map that is the same at every depth must not fold tissue that lies before or behind a slice. A maximum shows all
+    of it, and where steps before have deformed the volume, every fold counts.
+    """
+    edited, pictures = session.editing.state, session.pictures
+    if edited.step.plane is None or pictures.method == "mip" or edited.earlier.steps:
+        return {}
+    volume = session.volume
+    kept = _SILHOUETTES.get(volume)
+    if kept is None or kept[0] != edited.step.plane:
+        factors = [-(-count // _MOST_VOXELS) for count in volume.shape]
+        there = volume.values[tuple(slice(None, None, factor) for factor in factors)] > foreground_level(volume)
+        dx, dy, dz = (step * factor for step, factor in zip(volume.grid.spacing, factors[::-1], strict=True))
+        coarse = replace(volume.grid, shape=there.shape, spacing=(dx, dy, dz))
+        kept = _SILHOUETTES[volume] = (
+            edited.step.plane,
+            region_to_data(Mask(there, coarse).silhouette(edited.step.plane)),
+        )
+    return kept[1]
+
+
+_SILHOUETTES: weakref.WeakKeyDictionary[Any, tuple[Any, dict[str, Any]]] = weakref.WeakKeyDictionary()
 
 
 def _box_on_picture(session: Session) -> list[float]:
@@ -381,7 +415,11 @@ class StudioEdits:
         done = made.kind if made is not None else ""
         kind = done if done in JOINING else None
         label = edit_label(session.editing.points, points, done) if points.dim == session.editing.points.dim else ""
-        self._take(editor, lambda: session.editing.edit_points(points, label, kind))
+        fit = getattr(made, "fit", None)
+        if fit is None:
+            self._take(editor, lambda: session.editing.edit_points(points, label, kind))
+        else:
+            self._take(editor, lambda: session.editing.edit_fit(points, fit.as_dict(), label))
 
     def shapes_changed(self, editor: Any, what: str, changed: Any) -> None:
         """An editor has other cuts, or other rigid parts."""

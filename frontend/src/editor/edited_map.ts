@@ -4,8 +4,9 @@ import { layeredFit, placeOf } from "../maths/cuts.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
 import { samePoints } from "../maths/points.ts";
 import { RBF_KERNELS, RbfError } from "../maths/rbf.ts";
+import { maskPixels } from "../maths/regions.ts";
 import { publishPoints, settingsOf } from "../sync/bus.ts";
-import type { FitSettings, LayeredFit, PicturePoint, Shapes, Vector, Vector2 } from "../types.ts";
+import type { FitSettings, LayeredFit, MaskData, PicturePoint, Vector, Vector2 } from "../types.ts";
 import type { PictureSource } from "./painter.ts";
 import type { EditorParts } from "./parts.ts";
 
@@ -31,6 +32,8 @@ export class EditedMap {
   layered: LayeredFit | null = null;
 
   folds: Folds | null = null;
+
+  #mask: Silhouette | null = null;
 
   constructor(readonly editor: MapEditor) {}
 
@@ -88,7 +91,7 @@ export class EditedMap {
    * that a check of folds let pass, and its drop, are fitted once.
    * @throws {RbfError} where there is none
    */
-  fitOf(points: PicturePoint[], shapes?: Partial<Shapes>): LayeredFit {
+  fitOf(points: PicturePoint[], shapes?: Partial<FitSettings>): LayeredFit {
     const { made } = this,
       settings = { ...this.settings, ...shapes };
     const names = Object.keys({ ...settings, ...made?.settings }) as (keyof FitSettings)[];
@@ -159,12 +162,47 @@ export class EditedMap {
     };
   }
 
-  /** A test whether tissue is seen at a place; undefined where the picture does not show it. */
+  /** The mask of tissue at any depth, null where Python has sent none. */
+  get #silhouette() {
+    const data: Partial<MaskData> = this.editor.model.get("tissue") ?? {};
+    if (!data.bits) return null;
+    if (this.#mask?.data !== data) this.#mask = { data: data as MaskData, pixels: maskPixels(data as MaskData) };
+    return this.#mask;
+  }
+
+  /** A test whether tissue is there at a place, at any depth where that is known, else seen there; undefined where the picture does not show it. */
   tissueTest(layered: LayeredFit) {
     const { source } = this.editor.picture.painter,
-      air = this.editor.model.get("air");
+      air = this.editor.model.get("air"),
+      silhouette = this.#silhouette;
+    if (silhouette) return silhouetteTest(layered, silhouette);
     return source?.grey && typeof air === "number" ? tissueTest(layered, source, air) : undefined;
   }
+}
+
+type Silhouette = { data: MaskData; pixels: Uint8Array };
+
+/** Whether tissue of any depth is at a place, there or within a pixel of the mask, which is coarser than the picture. */
+function silhouetteTest(
+  layered: LayeredFit,
+  {
+    data: {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin: [a0, b0],
+    },
+    pixels,
+  }: Silhouette,
+) {
+  const steps = [-1, 0, 1];
+  return (a: number, b: number) => {
+    const [da, db] = placeOf(layered, a, b, du),
+      j = Math.round((a + da - a0) / du),
+      i = Math.round((b + db - b0) / dv);
+    return steps.some((p) =>
+      steps.some((q) => i + p >= 0 && i + p < nv && j + q >= 0 && j + q < nu && pixels[(i + p) * nu + j + q] === 1),
+    );
+  };
 }
 
 /**

@@ -19,6 +19,7 @@ import { CutBar } from "./cut_bar.ts";
 import { EditedMap } from "./edited_map.ts";
 import { EditedPoints } from "./edited_points.ts";
 import { EditorKeys } from "./editor_keys.ts";
+import { FoldOffers } from "./fold_offers.ts";
 import { FoldStop } from "./fold_stop.ts";
 import { GridLayer } from "./grid_layer.ts";
 import { GridNodes } from "./grid_nodes.ts";
@@ -102,6 +103,7 @@ export class EditorView extends EditorDrawing {
     tools.shapes = new ShapeTools(parts); // whose shapes are drawn under the points
     tools.parts = new PartTools(parts);
     tools.foldStop = new FoldStop(parts);
+    tools.foldOffers = new FoldOffers(parts);
     layers.handles = new Handles(this.stage.svg);
     tools.drag = new PointDrag(parts);
     tools.points = new PointTools(parts);
@@ -157,14 +159,17 @@ export class EditorView extends EditorDrawing {
     on("change:theme", () => this.theme.apply());
     on("change:waiting", () => this.showWaiting());
     for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => map.invalidate());
-    on("change:air", () => this.#forgetFolds());
+    for (const name of ["air", "tissue"]) on(`change:${name}`, () => this.#forgetFolds());
     on("change:window", () => tools.window.apply());
     on("change:colours", () => picture.applyColours());
     on("change:shows", () => picture.applyShows());
     for (const name of SHOWN) on(`change:${name}`, () => frames.invalidate());
     on("msg:custom", (message) => this.message(message));
     const news = {
-      points: () => this.receive(),
+      points: () => {
+        tools.foldOffers.drop(); // they were about the points before
+        this.receive();
+      },
       status: () => messages.showStatus(sender),
       history: () => {
         tools.shapes.choice.receive();
@@ -337,7 +342,7 @@ export class EditorView extends EditorDrawing {
     frames.isResting = false;
     layers.overlay.canvas.style.clipPath = original.share > 0 ? `inset(0 0 0 ${100 * original.share}%)` : "";
     this.#drawHandles(fit);
-    for (const part of [tools.brush, tools.window, tools.wand, panels.cut]) part.show();
+    for (const part of [tools.brush, tools.window, tools.wand, tools.foldOffers, panels.cut]) part.show();
     panels.colours.update();
     panels.status.update();
     this.#updateToolbar();

@@ -1,18 +1,24 @@
-// The stop of drags before the map folds, for control points and for rigid parts.
+// The stop of drags before tissue folds, for control points, brushes and rigid parts. It holds drags only: documents,
+// undo, scripts and edits of other tools are as they are, and a map that folds already stays so.
 
 import { NEARLY_FOLDED } from "../generated.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
 import { RbfError } from "../maths/rbf.ts";
+import type { FitChange } from "../sync/edits.ts";
 import type { PicturePoint, Shapes } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
 /** The input of a fit */
-export type MapState = { points: PicturePoint[]; shapes: Shapes };
+export type MapState = { points: PicturePoint[]; shapes: Shapes; fit?: FitChange };
+
+/** A drag that was stopped: the state at each share of its way, and the share at which it stands. */
+export type StoppedDrag = { make: (share: number) => MapState; share: number };
 
 const HOLD_WORK = 6e4,
   HOLD_NODES = [9, 33] as const; // evaluations of a kernel for one check, and nodes of a side of its lattice
+const TURNS = 8; // of the bisection of a drag
 
 /** Dependencies of the stop on the editor. */
-export type FoldStopEditor = EditorParts<"model" | "points" | "map" | "picture">;
+export type FoldStopEditor = EditorParts<"model" | "points" | "map" | "picture", "foldOffers">;
 
 /** Check in advance of whether a drag would fold the map where tissue is visible. */
 export class FoldStop {
@@ -20,23 +26,34 @@ export class FoldStop {
   /** The smallest det J before the drag. */
   least0: number | null = null;
   start: MapState;
+  stopped: StoppedDrag | null = null;
 
   constructor(readonly editor: FoldStopEditor) {
     /** The editor's state when the drag began. */
     this.start = { points: [], shapes: { cuts: [], parts: [] } };
   }
 
+  get isOn() {
+    return Boolean(this.editor.model.get("stop_at_folds"));
+  }
+
   /** A drag begins. */
   begin() {
     const { list: points, shapes } = this.editor.points;
-    Object.assign(this, { note: "", least0: null, start: { points, shapes } });
+    Object.assign(this, { note: "", least0: null, stopped: null, start: { points, shapes } });
+    this.editor.tools.foldOffers.drop();
+  }
+
+  /** A drag has ended: offer what gets further, if it was stopped. */
+  end() {
+    if (this.stopped) this.editor.tools.foldOffers.propose(this.stopped);
   }
 
   /** The smallest det J of a state; minus infinity where it cannot be fitted. */
-  #leastOf({ points, shapes }: MapState) {
+  #leastOf({ points, shapes, fit }: MapState) {
     const { editor } = this;
     try {
-      const layered = editor.map.fitOf(points, shapes);
+      const layered = editor.map.fitOf(points, { ...shapes, ...fit });
       const [few, many] = HOLD_NODES;
       const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
       return foldsOf(
@@ -52,31 +69,63 @@ export class FoldStop {
     }
   }
 
-  /**
-   * Whether the map folds in a state, and did not before the drag: folds of before may stay.
-   * @param note the reason that is shown if it does
-   */
-  refuses(state: MapState, note: string) {
+  /** Whether the map folds in a state, and did not before the drag: folds of before may stay. */
+  isRefused(state: MapState) {
     this.least0 ??= this.#leastOf(this.start);
-    const isRefused = this.#leastOf(state) < Math.min(NEARLY_FOLDED, this.least0) - 1e-9;
-    this.note = isRefused ? note : "";
+    return this.#leastOf(state) < Math.min(NEARLY_FOLDED, this.least0) - 1e-9;
+  }
+
+  /** The largest share of a way from a state that is allowed, by bisection. */
+  largestShare(make: (share: number) => MapState, turns: number = TURNS) {
+    let low = 0,
+      high = 1;
+    for (let turn = 0; turn < turns; turn++) {
+      const middle = (low + high) / 2;
+      if (this.isRefused(make(middle))) high = middle;
+      else low = middle;
+    }
+    return low;
+  }
+
+  /** A drag as far as the map stays free of folds, while the stop is on: from `make(0)` to `make(1)`. */
+  limit<S extends MapState>(make: (share: number) => S): S {
+    const wanted = make(1);
+    this.stopped = null;
+    this.note = "";
+    if (!this.isOn || !this.isRefused(wanted)) return wanted;
+    const share = this.largestShare(make);
+    this.#hold({ make, share }, "Stopped before tissue folds; T lets the drag continue");
+    return make(share);
+  }
+
+  /**
+   * Whether a stroke of a brush must not continue to a state, while the stop is on.
+   * @param now the points up to which it is allowed
+   */
+  refusesStroke(now: PicturePoint[], wanted: PicturePoint[]) {
+    const { shapes } = this.editor.points,
+      isRefused = this.isOn && this.isRefused({ points: wanted, shapes });
+    this.stopped = null;
+    this.note = "";
+    if (isRefused)
+      this.#hold({ make: strokeWay(now, wanted, shapes), share: 0 }, "The brush stops before tissue folds");
     return isRefused;
   }
 
-  /** A drag as far as the map stays free of folds, if the user has chosen that: from `make(0)` to `make(1)`. */
-  limit<S extends MapState>(make: (share: number) => S): S {
-    const wanted = make(1),
-      note = "Stopped before the picture folds; T lets the drag continue";
-    this.note = "";
-    if (!this.editor.model.get("stop_at_folds") || !this.refuses(wanted, note)) return wanted;
-    let low = 0,
-      high = 1;
-    for (let turn = 0; turn < 8; turn++) {
-      const middle = (low + high) / 2;
-      if (this.refuses(make(middle), note)) high = middle;
-      else low = middle;
-    }
+  #hold(stopped: StoppedDrag, note: string) {
+    this.stopped = stopped;
     this.note = note;
-    return make(low);
   }
+}
+
+/** The way of a stroke that goes on from some points to others, which may be more. */
+function strokeWay(now: PicturePoint[], wanted: PicturePoint[], shapes: Shapes) {
+  const places = new Map(now.map((p) => [p.id, p.target]));
+  return (share: number): MapState => ({
+    shapes,
+    points: wanted.map((p) => {
+      const [a, b] = places.get(p.id) ?? p.source;
+      return { ...p, target: [a + share * (p.target[0] - a), b + share * (p.target[1] - b)] };
+    }),
+  });
 }

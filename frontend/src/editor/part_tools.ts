@@ -188,7 +188,9 @@ export class PartTools {
     Object.assign(editor.points, { list: points, shapes });
     const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`,
       after = now.shapes.parts[index];
-    if (!isCancelled && after && this.#edit(part, after, index, kind, { wasFine })) return;
+    const isEdit = !isCancelled && after && this.#edit(part, after, index, kind, { wasFine });
+    if (!isCancelled) editor.tools.foldStop.end();
+    if (isEdit) return;
     Object.assign(editor.points, { list: editor.sender.points, shapes: editor.sender.shapes });
     editor.map.invalidate();
     if (this.isSent) editor.sender.move(editor.points.list); // Python has followed the drag, which is void now

@@ -13,6 +13,7 @@ import type { CutBar } from "./cut_bar.ts";
 import type { EditedMap } from "./edited_map.ts";
 import type { EditedPoints } from "./edited_points.ts";
 import type { EditorKeys } from "./editor_keys.ts";
+import type { FoldOffers } from "./fold_offers.ts";
 import type { FoldStop } from "./fold_stop.ts";
 import type { Frames } from "./frames.ts";
 import type { GridLayer } from "./grid_layer.ts";
@@ -52,6 +53,7 @@ export interface Tools {
   shapes: ShapeTools;
   parts: PartTools;
   foldStop: FoldStop;
+  foldOffers: FoldOffers;
   pen: Pen;
   brush: Brush;
   wand: Wand;

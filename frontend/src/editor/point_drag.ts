@@ -5,6 +5,7 @@ import { freeIds, includeRims, placeBetween, translatePoints } from "../maths/po
 import { rbfLabel } from "../maths/rbf.ts";
 import { findConflicts, partLabel } from "../maths/rigid_stages.ts";
 import type { PartData, PicturePoint, Point, Vector2 } from "../types.ts";
+import type { MapState } from "./fold_stop.ts";
 import type { Moved, PointDragger } from "./gesture.ts";
 import type { EditorParts } from "./parts.ts";
 
@@ -95,7 +96,10 @@ export class PointDrag implements PointDragger {
     const { drag0, editor } = this,
       shapes = editor.points.shapes;
     if (!drag0) return;
-    const { points: wanted } = editor.tools.foldStop.limit((share) => ({ points: make(drag0, share), shapes }));
+    const { points: wanted } = editor.tools.foldStop.limit<MapState>((share) => ({
+      points: make(drag0, share),
+      shapes,
+    }));
     const { points, held } = limitMove(drag0, wanted, editor.points.shapes.parts, editor.map.strength);
     editor.layers.handles.lock(held.map(({ point }) => point.id));
     if (held.length) this.hintConflict(held[0]!);
@@ -133,7 +137,9 @@ export class PointDrag implements PointDragger {
     editor.layers.handles.lock([]);
     if (!drag0) return false;
     editor.points.list = drag0;
-    if (!isCancelled && editor.tools.points.edit(points, kind)) return true;
+    const isEdit = !isCancelled && editor.tools.points.edit(points, kind);
+    if (!isCancelled) editor.tools.foldStop.end();
+    if (isEdit) return true;
     editor.points.list = editor.sender.points; // Python may have moved them meanwhile
     editor.map.invalidate();
     if (this.isSent) editor.sender.move(editor.points.list); // Python has followed the drag, which is void now

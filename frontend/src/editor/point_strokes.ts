@@ -71,12 +71,7 @@ export class PointStrokes {
       drag.hintConflict(held[held.length - 1]!);
       return false;
     }
-    if (
-      editor.tools.foldStop.refuses(
-        { points, shapes: editor.points.shapes },
-        "The brush stops before the picture folds",
-      )
-    ) {
+    if (editor.tools.foldStop.refusesStroke(editor.points.list, points)) {
       editor.frames.invalidate();
       return false;
     }

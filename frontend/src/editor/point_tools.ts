@@ -14,8 +14,8 @@ import {
   translatePoints,
 } from "../maths/points.ts";
 import { RbfError, rbfLabel } from "../maths/rbf.ts";
-import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { PicturePoint, Shapes, Vector2 } from "../types.ts";
+import { type FitChange, MOST_CHARACTERS } from "../sync/edits.ts";
+import type { FitSettings, PicturePoint, Vector2 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
 import type { Moved } from "./gesture.ts";
 import { pointLabel } from "./handles.ts";
@@ -48,16 +48,22 @@ export class PointTools {
    * Replace the list of points, unless it cannot be fitted while the present one can: then the reason is shown.
    * @param kind the name of the edit
    * @param join edits with the same one in quick succession are undone as one
+   * @param fit settings of the fit that the edit changes too
    */
-  edit(points: PicturePoint[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
+  edit(
+    points: PicturePoint[],
+    kind: PointsEdit["kind"] = "move",
+    join: string | null = null,
+    fit: FitChange | null = null,
+  ) {
     const { editor } = this;
-    if (editor.points.isLocked || samePoints(points, editor.points.list)) return false;
-    if (!editor.map.error && !this.accepts(points)) return false;
+    if (editor.points.isLocked || (!fit && samePoints(points, editor.points.list))) return false;
+    if (!editor.map.error && !this.accepts(points, { ...editor.points.shapes, ...fit })) return false;
     if (JSON.stringify(points).length > MOST_CHARACTERS) {
       editor.messages.show("These are too many points to send in one message. Remove some, or edit in Python.");
       return false;
     }
-    editor.sender.edit(points, kind, join); // which notifies all views, this one too
+    editor.sender.edit(points, kind, join, fit); // which notifies all views, this one too
     return true;
   }
 
@@ -67,7 +73,7 @@ export class PointTools {
   }
 
   /** Whether a fit is possible; if not, the reason is shown. */
-  accepts(points: PicturePoint[], shapes: Partial<Shapes> = this.editor.points.shapes) {
+  accepts(points: PicturePoint[], shapes: Partial<FitSettings> = this.editor.points.shapes) {
     const { editor } = this;
     try {
       editor.map.fitOf(points, shapes);

@@ -2,6 +2,7 @@
 
 import type {
   HalfSpaceData,
+  LineData,
   MaskData,
   Motion,
   OutlineData,
@@ -165,6 +166,63 @@ export function openingPlaces(vertices: Vector2[], [a0, a1, b0, b1]: Vector4) {
     held.push(at(0, side * reach), at(-0.95 * half, 0.85 * side * reach), at(0.95 * half, 0.85 * side * reach));
   }
   return { pulled, held };
+}
+
+/**
+ * The two sides of a cut in a box: all of it on either side, or, of a cut that stops in the tissue, a flap along it.
+ * @param box [a0, a1, b0, b1]
+ * @returns polygons: that on the left of the line as it is drawn on a screen, and that on the right
+ */
+export function cutSides({ vertices, stops }: LineData, box: Vector4): [Vector2[], Vector2[]] {
+  const first = vertices[0]!,
+    last = vertices.at(-1)!,
+    chord = Math.hypot(last[0] - first[0], last[1] - first[1]) || 1,
+    u: Vector2 = [(last[0] - first[0]) / chord, (last[1] - first[1]) / chord],
+    isFlap = Boolean(stops?.some(Boolean)),
+    far = isFlap ? 0 : 2 * Math.hypot(box[1] - box[0], box[3] - box[2]);
+  const [start, end] = [ray(vertices[1] ?? last, first, far), ray(vertices.at(-2) ?? first, last, far)],
+    line = isFlap ? vertices : [start, ...vertices, end];
+  const side = (sign: number): Vector2[] => {
+    const n: Vector2 = [sign * u[1], -sign * u[0]],
+      depth = isFlap ? FLAP * chord : far,
+      shift = ([a, b]: Vector2): Vector2 => [a + depth * n[0], b + depth * n[1]];
+    return clipToBox([...line, shift(line.at(-1)!), shift(line[0]!)], box);
+  };
+  return [side(1), side(-1)];
+}
+
+const FLAP = 0.35; // of the length of a cut that stops in the tissue: how far a flap reaches from it
+
+/** The place at a distance beyond the end of a segment. */
+function ray(from: Vector2, to: Vector2, away: number): Vector2 {
+  const length = Math.hypot(to[0] - from[0], to[1] - from[1]) || 1;
+  return [to[0] + (away * (to[0] - from[0])) / length, to[1] + (away * (to[1] - from[1])) / length];
+}
+
+/** The part of a polygon in a box (Sutherland and Hodgman). */
+export function clipToBox(polygon: Vector2[], [a0, a1, b0, b1]: Vector4): Vector2[] {
+  let kept = polygon;
+  for (const [c, limit, sign] of [
+    [0, a0, 1],
+    [0, a1, -1],
+    [1, b0, 1],
+    [1, b1, -1],
+  ] as const) {
+    const before = kept;
+    kept = [];
+    before.forEach((p, k) => {
+      const q = before[(k + 1) % before.length]!,
+        [isIn, isNext] = [sign * (p[c] - limit) >= 0, sign * (q[c] - limit) >= 0];
+      if (isIn) kept.push(p);
+      if (isIn === isNext) return;
+      const t = (limit - p[c]) / (q[c] - p[c]);
+      kept.push([p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1])]);
+    });
+  }
+  return kept.filter((p, k) => {
+    const q = kept[(k + 1) % kept.length]!;
+    return Math.hypot(p[0] - q[0], p[1] - q[1]) > 1e-9 * (a1 - a0 + b1 - b0);
+  });
 }
 
 /** Number of times that a displacement fits between a place and the end of the range in its direction. */

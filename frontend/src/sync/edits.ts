@@ -25,7 +25,10 @@ import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../mat
 import type { Bus, Model, ModelHandler, Point, ShapeData, ShapeKind, Shapes, Vector, Without } from "../types.ts";
 import { History } from "./undo_list.ts";
 
-export type State<V extends Vector> = { points: Point<V>[]; shapes: Shapes };
+/** Settings of the fit that an edit of points changes with them */
+export type FitChange = { support?: number | null; stages?: number };
+/** `fit`: settings that an edit has changed, as they were. */
+export type State<V extends Vector> = { points: Point<V>[]; shapes: Shapes; fit?: FitChange };
 export type Change = "points" | "status" | "history";
 export type Clock = { now: () => number; later: (f: () => void, ms: number) => number; cancel: (id: number) => void };
 
@@ -173,7 +176,7 @@ export class Sender<V extends Vector = Vector> {
   history: History<State<V>> = new History();
   pending: {
     move: { points: Point<V>[]; part?: MovedPart } | null;
-    end: { kind: PointsEdit["kind"]; joins: boolean; points: Point<V>[] } | null;
+    end: { kind: PointsEdit["kind"]; joins: boolean; points: Point<V>[]; fit?: FitChange } | null;
   } = { move: null, end: null };
   /** Measurements of a view during a drag, sent with its end */
   drawn: PointsEdit["drawn"] | null = null;
@@ -270,10 +273,21 @@ export class Sender<V extends Vector = Vector> {
   /**
    * Send the points after an edit; edits that share `join` in quick succession are undone as one.
    * @param kind of the edit, for the history
+   * @param fit settings that it changes too
    */
-  edit(points: Point<V>[], kind: PointsEdit["kind"], join: string | null = null) {
-    const joins = this.history.record(this.state, join);
-    this.#leave(points, kind, joins);
+  edit(points: Point<V>[], kind: PointsEdit["kind"], join: string | null = null, fit: FitChange | null = null) {
+    const joins = this.history.record({ ...this.state, ...(fit && { fit: this.#fit }) }, join);
+    this.#leave(points, kind, joins, fit);
+  }
+
+  get #fit(): FitChange {
+    const { support = null, stages = 1 } = this.model?.get("settings") ?? {};
+    return { support, stages };
+  }
+
+  /** Change settings in this window; Python follows with the edit. */
+  #changeFit(fit: FitChange) {
+    this.model?.set("settings", { ...this.model.get("settings"), ...fit });
   }
 
   /**
@@ -338,11 +352,16 @@ export class Sender<V extends Vector = Vector> {
   step(way: "undo" | "redo") {
     if (!this.canStep(way)) return false;
     if (!this.isPythons) {
-      const { points, shapes } = this.history[way](this.state) ?? this.state;
+      const {
+        points,
+        shapes,
+        fit = null,
+      } = this.history[way]({ ...this.state, fit: this.#fit }) ?? { ...this.state, fit: null };
       for (const what of SHAPE_KINDS) {
         if (!sameShapes(shapes[what], this.shapes[what])) this.#leaveShapes(what, shapes[what], way, points);
       }
-      if (!samePoints(points, this.points)) this.#leave(points, way, false);
+      const isChanged = fit !== null && JSON.stringify(fit) !== JSON.stringify(this.#fit);
+      if (!samePoints(points, this.points) || isChanged) this.#leave(points, way, false, isChanged ? fit : null);
     } else {
       this.pending.move = null;
       this.flush();
@@ -367,12 +386,14 @@ export class Sender<V extends Vector = Vector> {
     this.channel.send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end, ...(drawn && { drawn }) });
   }
 
-  #leave(points: Point<V>[], kind: PointsEdit["kind"], joins: boolean) {
-    const waits = this.pending.end;
+  #leave(points: Point<V>[], kind: PointsEdit["kind"], joins: boolean, fit: FitChange | null = null) {
+    const waits = this.pending.end,
+      settings = waits?.fit || fit ? { fit: { ...waits?.fit, ...fit } } : {};
     this.pending.move = null;
     this.pending.end = waits
-      ? { kind: kind === waits.kind ? kind : "several", joins: joins && waits.joins, points }
-      : { kind, joins, points };
+      ? { kind: kind === waits.kind ? kind : "several", joins: joins && waits.joins, points, ...settings }
+      : { kind, joins, points, ...settings };
+    if (fit) this.#changeFit(fit);
     this.lastAt = this.clock.now();
     this.#take(points);
     this.#next();

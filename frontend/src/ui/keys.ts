@@ -74,7 +74,7 @@ export const EDITOR_KEYS: KeyTable = [
       ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],
       ["Shift + M", "mirror the other way", { command: "mirror-axis", keys: ["Shift+m"] }],
       ["Shift + N", "snap to the grid; Alt does not", { command: "snap", keys: ["Shift+n"] }],
-      ["T", "stop before the picture folds", { command: "stop", keys: ["t"] }],
+      ["T", "stop drags before tissue folds", { command: "stop", keys: ["t"] }],
     ],
   ],
   [

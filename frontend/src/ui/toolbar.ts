@@ -72,6 +72,7 @@ const GROUPS: ToolEntry[][] = [
     ["undo", "Undo", "Undo", false, "past"],
     ["redo", "Redo", "Redo", false, "future"],
   ],
+  [["stop", "Safe drag", "Stop drags before tissue folds", true]],
   [
     ["grid", "Grid", "Show the deformed grid", true],
     ["compare", "Before", "Show the picture as it was", true],
@@ -90,7 +91,6 @@ const MORE: ToolEntry[][] = [
     ["mirror", "Mirror", "Do the same on both sides of a line", true],
     ["mirror-axis", "Mirror the other way", "Lay the line of the mirror level or upright", false],
     ["snap", "Snap to the grid", "Targets keep to the nodes of the grid", true],
-    ["stop", "Stop at folds", "Hold points back before the picture folds", true],
     ["lock", "Lock the selected", "Lock the selected points, or free them", true, "selection"],
   ],
   [

@@ -1,0 +1,315 @@
+// What gets a drag further that was stopped before tissue folds: each way is tried, those that get further become
+// buttons, and one of them moves on to where the pointer was, as one edit.
+
+import { MOST_STAGES } from "../generated.ts";
+import { middleOf, newPoint, updatePoints } from "../maths/points.ts";
+import { findConflicts } from "../maths/rigid_stages.ts";
+import { cutSides } from "../maths/shapes.ts";
+import type { FitChange } from "../sync/edits.ts";
+import type { PartData, PicturePoint, Vector2 } from "../types.ts";
+import type { MapState, StoppedDrag } from "./fold_stop.ts";
+import { OptionBar } from "./option_bar.ts";
+import type { EditorParts } from "./parts.ts";
+
+/** A way of a stopped drag under other settings, or with other points or parts; null where there is none. */
+type Way = (share: number) => MapState | null;
+/** A way that gets further, and how far. */
+export type FoldOffer = { name: string; way: Way; share: number };
+
+const SUPPORTS = [1.5, 2, 3, 4, 6, 8]; // of the reach of points
+const WIDTHS = [1.6, 2.4, 3.5, 5]; // of the length of the drag: how far the tissue around follows
+const FURTHER = 0.05; // of the drag: less is not offered
+const TURNS = 5; // of the bisection of a way that does not reach the end
+const RING = 8; // points that hold the tissue around, and that let it follow
+const NAMES: Record<string, [label: string, tip: string]> = {
+  support: ["Larger support", "Points reach farther, so that the tissue around follows"],
+  stages: ["In stages", "The same drag in several smaller steps, one after the other"],
+  rigid: ["Move rigidly", "The tissue around moves as a rigid part; along a cut, one half of it"],
+  points: ["More points", "Points around let the tissue follow, less and less far away"],
+};
+
+/** Dependencies of the offers on the editor. */
+export type OffersEditor = EditorParts<
+  "model" | "frames" | "messages" | "stage" | "points" | "map" | "picture" | "sender",
+  "foldStop" | "points" | "shapes"
+>;
+
+export class FoldOffers {
+  bar: OptionBar;
+  words: HTMLSpanElement;
+  buttons: HTMLSpanElement;
+  offers: FoldOffer[] = [];
+  isTrying = false;
+  #turn = 0; // of the drag that is tried; another one ends the trial
+
+  constructor(readonly editor: OffersEditor) {
+    this.bar = new OptionBar(editor, "dnb-ed-options dnb-ed-fold-bar", "Ways to continue the drag");
+    this.words = this.bar.text("", { role: "status" });
+    this.buttons = this.bar.text("dnb-ed-fold-buttons");
+    this.bar.button("\u2715", "Leave it there", () => {
+      this.drop();
+      editor.stage.focus();
+    });
+  }
+
+  get isShown() {
+    return !this.bar.element.hidden;
+  }
+
+  /** Withdraw the offers: another edit begins. False if there are none. */
+  drop() {
+    this.#turn += 1;
+    this.isTrying = false;
+    this.offers = [];
+    const was = this.isShown;
+    this.bar.element.hidden = true;
+    return was;
+  }
+
+  /** Offer what gets further than a drag that was stopped. */
+  propose(stopped: StoppedDrag) {
+    this.drop();
+    void this.#try(stopped, this.#turn);
+  }
+
+  /** Try one way after the other, with pauses for the pointer. */
+  async #try(stopped: StoppedDrag, turn: number) {
+    const { editor } = this,
+      found: FoldOffer[] = [];
+    this.isTrying = true;
+    for (const [name, ways] of Object.entries(this.#ways(stopped))) {
+      let best: FoldOffer | null = null;
+      for (const way of ways) {
+        await new Promise((resume) => setTimeout(resume));
+        if (turn !== this.#turn || editor.points.isDragging) return;
+        const share = this.#shareOf(way, Math.max(stopped.share, best?.share ?? 0));
+        if (share > stopped.share + FURTHER && share > (best?.share ?? 0)) best = { name, way, share };
+        if (share === 1) break;
+      }
+      if (best) found.push(best);
+    }
+    this.isTrying = false;
+    editor.frames.guard(() => this.#show(found, stopped.share));
+  }
+
+  /** How far a way gets; 0 where it gets no further than another one. */
+  #shareOf(way: Way, known: number) {
+    const { foldStop } = this.editor.tools,
+      isFree = (share: number) => {
+        const state = way(share);
+        return state !== null && !foldStop.isRefused(state);
+      };
+    if (isFree(1)) return 1;
+    if (known + FURTHER >= 1 || !isFree(known + FURTHER)) return 0;
+    let low = known + FURTHER,
+      high = 1;
+    for (let k = 0; k < TURNS; k++) {
+      const middle = (low + high) / 2;
+      if (isFree(middle)) low = middle;
+      else high = middle;
+    }
+    return low;
+  }
+
+  // ---- the ways ------------------------------------------------------------------------------------------------------
+
+  #ways({ make }: StoppedDrag): Record<string, Way[]> {
+    const { map } = this.editor,
+      stages: number[] = [];
+    for (let count = 2 * (map.settings.stages ?? 1); count <= MOST_STAGES; count *= 2) stages.push(count);
+    const withFit =
+      (fit: FitChange): Way =>
+      (share) => ({ ...make(share), fit });
+    return {
+      support: map.reach > 0 ? SUPPORTS.map((factor) => withFit({ support: factor * map.reach })) : [],
+      stages: stages.map((count) => withFit({ stages: count })),
+      rigid: [(share) => this.#rigidly(make(share))],
+      points: WIDTHS.map((width) => (share: number) => this.#withFollowers(make(share), make(1), width)),
+    };
+  }
+
+  /** The points of a state that the drag has moved, as they were. */
+  #moved({ points }: MapState) {
+    const { start } = this.editor.tools.foldStop,
+      was = new Map(start.points.map((p) => [p.id, p]));
+    return points.flatMap((p) => {
+      const before = was.get(p.id)?.target ?? p.source;
+      const by: Vector2 = [p.target[0] - before[0], p.target[1] - before[1]];
+      return p.active && Math.hypot(...by) > 0 ? [{ point: p, before, by }] : [];
+    });
+  }
+
+  /** The tissue around the points that are moved, or their side of a cut, as a rigid part that goes with them. */
+  #rigidly(state: MapState): MapState | null {
+    const { picture } = this.editor,
+      moved = this.#moved(state),
+      first = moved[0];
+    if (!first || state.shapes.parts.some(({ enabled }) => enabled)) return null;
+    const by: Vector2 = [first.point.target[0] - first.point.source[0], first.point.target[1] - first.point.source[1]];
+    const isOne = moved.every(({ point: { source, target } }) =>
+      [0, 1].every((c) => Math.abs(target[c]! - source[c]! - by[c]!) < 1e-6 * Math.hypot(...by)),
+    );
+    if (!isOne) return null;
+    const region = this.#rigidRegion(
+      state,
+      moved.map(({ point }) => point),
+    );
+    if (!region) return null;
+    const part: PartData = {
+      region: { kind: "polygon", vertices: region },
+      name: "",
+      enabled: true,
+      weight: "saturated",
+      reach: null,
+      motion: {
+        matrix: [
+          [1, 0],
+          [0, 1],
+        ],
+        shift: by,
+      },
+    };
+    const inside = state.points.filter(({ source }) => isInPolygon(region, source)).map(({ id }) => id);
+    const points = updatePoints(state.points, inside, ({ source: [a, b] }) => ({ target: [a + by[0], b + by[1]] }));
+    const parts = [...state.shapes.parts, part];
+    const box = picture.box;
+    if (findConflicts(points, parts, 1).length || box[0] >= box[1]) return null;
+    return { ...state, points, shapes: { ...state.shapes, parts } };
+  }
+
+  /** The side of the only cut on which the points are, or a disc around them that no other point is in. */
+  #rigidRegion({ points, shapes }: MapState, moved: PicturePoint[]): Vector2[] | null {
+    const { box } = this.editor.picture,
+      cuts = shapes.cuts.filter(({ enabled }) => enabled),
+      line = cuts.length === 1 ? cuts[0]!.region : null;
+    if (line?.kind === "line") {
+      const sides = cutSides(line, box),
+        side = sides.find((one) => moved.every(({ source }) => isInPolygon(one, source)));
+      if (side) return side;
+    }
+    const middle = middleOf(moved.map((p) => ({ ...p, target: p.source }))),
+      away = ({ source: [a, b] }: PicturePoint) => Math.hypot(a - middle[0], b - middle[1]);
+    const ids = new Set(moved.map(({ id }) => id)),
+      others = points.filter((p) => p.active && !ids.has(p.id)).map(away);
+    const least = 1.2 * Math.max(...moved.map(away)),
+      radius = Math.max(least, 0.45 * Math.min(...others, 0.6 * Math.hypot(box[1] - box[0], box[3] - box[2])));
+    if (!(radius > 0) || radius > Math.min(...others)) return null;
+    return ringOf(middle, radius, 16);
+  }
+
+  /**
+   * The state with the tissue around the moved points carried along, less and less with the distance: the points there
+   * follow, and new ones are set around.
+   * @param width of the tissue that follows, in lengths of the whole drag
+   */
+  #withFollowers(state: MapState, end: MapState, width: number): MapState | null {
+    const moved = this.#moved(state),
+      all = this.#moved(end);
+    if (!moved.length || !all.length) return moved.length ? null : state;
+    const { editor } = this,
+      { box } = editor.picture,
+      radius = width * Math.max(...all.map(({ by }) => Math.hypot(...by))),
+      ids = new Set(all.map(({ point }) => point.id));
+    const pull = ([a, b]: Vector2): Vector2 => {
+      let near = Infinity,
+        by: Vector2 = [0, 0];
+      for (const one of moved) {
+        const away = Math.hypot(a - one.before[0], b - one.before[1]);
+        if (away < near) {
+          near = away;
+          by = one.by;
+        }
+      }
+      const weight = Math.max(0, 1 - (near / radius) ** 2) ** 2;
+      return [weight * by[0], weight * by[1]];
+    };
+    const was = new Map(editor.tools.foldStop.start.points.map((p) => [p.id, p]));
+    const points = state.points.map((p) => {
+      const at = was.get(p.id)?.target;
+      if (ids.has(p.id) || p.locked || !p.active || !at) return p;
+      const [da, db] = pull(at);
+      return da || db ? { ...p, target: [at[0] + da, at[1] + db] as Vector2 } : p;
+    });
+    const middle = middleOf(all.map(({ point, before }) => ({ ...point, target: before })));
+    const spread = Math.max(...all.map(({ before: [a, b] }) => Math.hypot(a - middle[0], b - middle[1])));
+    const layered = editor.map.fitOf(editor.tools.foldStop.start.points, editor.tools.foldStop.start.shapes),
+      sourceOf = editor.map.sourcesOf(layered);
+    let id = editor.points.nextId(state.points);
+    for (const share of [0.5, 1]) {
+      for (const at of ringOf(middle, spread + share * radius, RING, share === 1 ? 0.5 : 0)) {
+        const isNear = points.some(({ target: [a, b] }) => Math.hypot(a - at[0], b - at[1]) < 0.3 * radius),
+          isInside = at[0] >= box[0] && at[0] <= box[1] && at[1] >= box[2] && at[1] <= box[3];
+        const source = isNear || !isInside ? null : sourceOf(at);
+        if (source === null) continue;
+        const [da, db] = pull(at);
+        points.push(newPoint(id++, source, [at[0] + da, at[1] + db]));
+      }
+    }
+    return { ...state, points };
+  }
+
+  // ---- the bar -------------------------------------------------------------------------------------------------------
+
+  #show(offers: FoldOffer[], share: number) {
+    const { editor } = this;
+    this.offers = offers;
+    const stand = Math.round(100 * share);
+    this.words.textContent = offers.length
+      ? `Stopped before tissue folds, at ${stand} % of the drag. Continue:`
+      : `Stopped before tissue folds, at ${stand} % of the drag. Drag less far, or hold fewer points`;
+    this.buttons.replaceChildren();
+    for (const offer of offers) {
+      const [label, tip] = NAMES[offer.name]!;
+      const far = Math.round(100 * offer.share);
+      const button = this.bar.button(
+        offer.share === 1 ? label : `${label}: ${far} %`,
+        label,
+        () => this.take(offer),
+        tip,
+      );
+      button.dataset.offer = offer.name;
+      this.buttons.append(button);
+    }
+    this.bar.element.hidden = false;
+    editor.messages.announce(this.words.textContent);
+    editor.frames.invalidate();
+  }
+
+  /** Continue the drag by one of the ways, as one edit. */
+  take({ name, way, share }: FoldOffer) {
+    const { editor } = this,
+      { foldStop, points: pointTools, shapes: shapeTools } = editor.tools,
+      state = way(share);
+    this.drop();
+    foldStop.note = "";
+    foldStop.stopped = null;
+    editor.stage.focus();
+    if (!state) return;
+    if (name === "rigid") shapeTools.edit("parts", state.shapes.parts, "move rigidly", { points: state.points });
+    else pointTools.edit(state.points, "move", null, state.fit);
+    editor.messages.announce(`${NAMES[name]![0]}: done`);
+  }
+
+  /** Hide the bar when a tool with options of its own is on, or nothing can be edited. */
+  show() {
+    if (this.isShown && (this.editor.points.isLocked || this.editor.picture.isBefore)) this.drop();
+  }
+}
+
+/** Places on a circle; `turn` of a step rotates them. */
+function ringOf([a, b]: Vector2, radius: number, count: number, turn: number = 0): Vector2[] {
+  return Array.from({ length: count }, (_, k) => {
+    const angle = (2 * Math.PI * (k + turn)) / count;
+    return [a + radius * Math.cos(angle), b + radius * Math.sin(angle)];
+  });
+}
+
+/** Whether a place is inside a polygon, by the even-odd rule. */
+function isInPolygon(polygon: Vector2[], [a, b]: Vector2) {
+  let isInside = false;
+  polygon.forEach(([p, q], k) => {
+    const [r, s] = polygon[(k + 1) % polygon.length]!;
+    if (q > b !== s > b && a < p + ((b - q) * (r - p)) / (s - q)) isInside = !isInside;
+  });
+  return isInside;
+}
