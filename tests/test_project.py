@@ -256,7 +256,17 @@ def test_tests_import_no_private_names() -> None:
 # Names are verbs or nouns of the field, no participles and half sentences; one that returns a changed copy may be the
 # field's participle (scaled, rotated). Those that register a callback have the name of its event, as ipywidgets'
 # on_click and Jupyter's comms.
-_CALLBACKS = {"on_act", "on_close", "on_edit", "on_history", "on_msg", "on_shapes", "on_visible", "on_wand"}
+_CALLBACKS = {
+    "on_act",
+    "on_close",
+    "on_edit",
+    "on_history",
+    "on_msg",
+    "on_shapes",
+    "on_visible",
+    "on_wand",
+    "on_edit_view",
+}
 _HALF_SENTENCE = re.compile(
     "(?i:another|whoever|beside|alike)|^_?(of|in|on|at|by)_|(^|_)(kept|told|said|heard|seen|shown|taken|laid|made|held)$|"
     "^_?(kept|told|said|heard|seen|shown|taken|laid|made|held)_"

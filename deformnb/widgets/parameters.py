@@ -249,6 +249,7 @@ PARAMETERS: dict[str, AbstractParameter] = {
         "Ambient occlusion",
         "Hollows and deep places are darker, where the browser draws the volume shaded; VTK's pictures have none",
     ),
+    "plane_frame": Switch("Frame", "The frame of the picture in the volume: where its plane lies, and which way is up"),
     "show_folds": Switch("Folds in the volume", "Red stripes on tissue that is shown twice"),
 }
 """All parameters by name; lengths are shares of the volume's diagonal."""
@@ -270,6 +271,11 @@ ACTIONS: dict[str, Action] = {
     "auto_window": Action(
         "Automatic window", "Black and white of the picture from its values, instead of those set manually"
     ),
+    "edit_view": Action(
+        "Edit this view", "Edit on the picture that the volume shows now, from wherever it is turned to (key E there)"
+    ),
+    "set_back": Action("Set back", "The nearest of the six sides again, in place of this oblique view"),
+    "turn_view": Action("Turn", "Edit on a picture that is turned by these angles"),
     "add_step": Action("Add step", "Deform once more from this side, after all other steps"),
     "take_back": Action("Limit to fold-free", "Take the last drag, or else the strength, back to where nothing folds"),
     "unfold": Action(

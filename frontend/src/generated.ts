@@ -201,7 +201,7 @@ export const PARAMETER_BOUNDS = {
   strength: { low: -1.0, high: 3.0, step: 0.01, digits: 2 },
   stages: { low: 1, high: 64, step: 1, digits: 0 },
 } as const;
-export type ParameterName = "view" | "method" | "depth" | "colour_map" | "density" | "show_grid" | "drag_grid" | "show_radius" | "overlay" | "kernel" | "trend" | "support" | "automatic_support" | "smoothing" | "strength" | "stages" | "direction" | "keep_chosen" | "keep_free" | "extrusion" | "mode" | "cut_rule" | "projection" | "shows" | "movie_renderer" | "slices" | "ambient_occlusion" | "show_folds";
+export type ParameterName = "view" | "method" | "depth" | "colour_map" | "density" | "show_grid" | "drag_grid" | "show_radius" | "overlay" | "kernel" | "trend" | "support" | "automatic_support" | "smoothing" | "strength" | "stages" | "direction" | "keep_chosen" | "keep_free" | "extrusion" | "mode" | "cut_rule" | "projection" | "shows" | "movie_renderer" | "slices" | "ambient_occlusion" | "plane_frame" | "show_folds";
 
 // Messages: deformnb/widgets/messages
 
@@ -683,6 +683,23 @@ export interface PointsFollowed {
   sender: string;
 }
 
+/** A camera, as the trait; the entries that are missing are those of the home view. */
+export interface CameraData {
+  direction?: [number, number, number] | null;
+  up?: [number, number, number] | null;
+  zoom?: number | null;
+  pan?: [number, number] | null;
+  perspective?: boolean | null;
+}
+
+/** The wish to edit the picture that the camera sees. */
+export interface EditView {
+  type: "edit_view";
+  /** Id of the front end; at most 40 characters. */
+  view: string;
+  camera: CameraData;
+}
+
 /** A request to draw in Python, without WebGL. */
 export interface StillRequest {
   type: "still";
@@ -719,15 +736,6 @@ export interface Resized {
   origin?: string;
 }
 
-/** A camera, as the trait; the entries that are missing are those of the home view. */
-export interface CameraData {
-  direction?: [number, number, number] | null;
-  up?: [number, number, number] | null;
-  zoom?: number | null;
-  pan?: [number, number] | null;
-  perspective?: boolean | null;
-}
-
 /** A camera that the user has changed. */
 export interface CameraMoved {
   type: "camera";
@@ -751,7 +759,7 @@ export interface ToServerRenderer {
   /** Id of the front end; at most 40 characters. */
   view: string;
   /** As of a VolumeView. */
-  say: ServedHello | Resized | CameraMoved | Seen | Closed;
+  say: ServedHello | Resized | CameraMoved | EditView | Seen | Closed;
 }
 
 /** The picture. */
@@ -1121,13 +1129,13 @@ export type StudioHeadToPython = SaveRequest | MenuRequest;
 export type BoxesToPython = BoxChoice;
 
 /** Any message of LiveView. */
-export type LiveViewToPython = LiveHello | ChunkRequest | Seen | PointsFollowed | StillRequest | ToServerRenderer | Screenshot | MoviePiece | MovieFailed | Measurements | Closed;
+export type LiveViewToPython = LiveHello | ChunkRequest | Seen | PointsFollowed | EditView | StillRequest | ToServerRenderer | Screenshot | MoviePiece | MovieFailed | Measurements | Closed;
 
 /** Any message of LiveView. */
 export type LiveViewToFrontEnd = Chunk | FieldMaps | DrawnByPython | VolumeInfo | ScreenshotRequest | MovieFrame | MovieEnd;
 
 /** Any message of VolumeView. */
-export type VolumeViewToPython = ServedHello | Resized | CameraMoved | Seen | Closed;
+export type VolumeViewToPython = ServedHello | Resized | CameraMoved | EditView | Seen | Closed;
 
 /** Any message of VolumeView. */
 export type VolumeViewToFrontEnd = FrameSent | Notice | Badge | TrameAddress;

@@ -101,6 +101,13 @@ class CameraMoved(Message, frozen=True, kw_only=True, tag="camera"):
     number: Annotated[Whole, Meta(description="of the change")]
 
 
+class EditView(Message, frozen=True, kw_only=True, tag="edit_view"):
+    """The wish to edit the picture that the camera sees."""
+
+    view: View
+    camera: CameraData
+
+
 class Closed(Message, frozen=True, kw_only=True, tag="bye"):
     """The end of a front end."""
 
@@ -137,7 +144,7 @@ class TrameAddress(Message, frozen=True, kw_only=True, tag="trame"):
     url: Annotated[str, Meta(description="of its page")]
 
 
-ServedMessage: TypeAlias = ServedHello | Resized | CameraMoved | Seen | Closed
+ServedMessage: TypeAlias = ServedHello | Resized | CameraMoved | EditView | Seen | Closed
 SERVED: Channel[ServedMessage] = Channel(("VolumeView",), ServedMessage, (FrameSent, Notice, Badge, TrameAddress))
 
 # ---- drawn in the front end ------------------------------------------------------------------------------------------
@@ -386,6 +393,7 @@ LiveMessage: TypeAlias = (
     | ChunkRequest
     | Seen
     | PointsFollowed
+    | EditView
     | StillRequest
     | ToServerRenderer
     | Screenshot

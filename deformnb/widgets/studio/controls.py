@@ -40,7 +40,8 @@ Guard = Callable[[Callable[[], None]], bool]
 STEP_COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#f0e442")
 """Of the marks of steps, in the list and over the picture: Okabe and Ito's, repeated."""
 
-_OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
+_IN_SPACE = ("in space", "")
+_VIEW = "view "  # before the number of an oblique plane in the menu of sides
 _STYLE = {"description_width": "100px"}
 WHOLE_DESCRIPTION = {"description_width": "initial"}
 """Style of a control whose description is never cut short."""
@@ -348,8 +349,7 @@ class PicturePanel(Panel):
     def __init__(self, session: Session, guard: Guard, editor: Any, show_grids: Callable[[], None]) -> None:
         super().__init__(session, guard)
         self._side = side = widget_of("view", layout=basic.layout(width="auto"))
-        side.options = [*side.options, _OBLIQUE]
-        self.add(side, lambda: session.steps.view or "", lambda view: session.set_view(view) if view else None)
+        self.add(side, self._side_value, self._choose_side)
         method = self.add(
             widget_of("method", layout=basic.layout(width="auto")),
             lambda: session.pictures.method,
@@ -364,8 +364,23 @@ class PicturePanel(Panel):
         shows_grids = action_button("thompson", lambda: guard(show_grids))
         self._on_picture = [method, hold, shows_grids]  # three pictures of a step in space have their own controls
         self._step = basic.HTML("")
-        self.box = row(self._step, side, method, self._depth, hold, shows_grids)
+        back = ACTIONS["set_back"]
+        self._back = button("\u21a9", f"{back.label}: {back.tooltip}", lambda: guard(session.set_back))
+        self.box = row(self._step, side, self._back, method, self._depth, hold, shows_grids)
         self.refresh()
+
+    def _side_value(self) -> str:
+        """The name of the side in the menu; "" in space, and "view " with a number for oblique planes."""
+        steps, plane = self.session.steps, self.session.editing.step.plane
+        if plane is None or steps.view is not None:
+            return steps.view or ""
+        return f"{_VIEW}{list(steps.oblique_views()).index(plane)}"
+
+    def _choose_side(self, value: str) -> None:
+        if value.startswith(_VIEW):
+            self.session.set_view(list(self.session.steps.oblique_views())[int(value.removeprefix(_VIEW))])
+        elif value:
+            self.session.set_view(value)
 
     def _clipped_depth(self) -> float:
         return float(np.clip(self.session.pictures.depth, *self.session.pictures.depth_range))
@@ -381,8 +396,9 @@ class PicturePanel(Panel):
         for widget in self._on_picture:
             basic.set_visible(widget, not (in_space))
         basic.set_visible(self._depth, self.session.pictures.method == "slice" and not in_space)
-        elsewhere = [] if self.session.steps.view else [_IN_SPACE if in_space else _OBLIQUE]
-        fill(self._side, PARAMETERS["view"].menu + elsewhere)  # type: ignore[attr-defined]
+        basic.set_visible(self._back, not in_space and self.session.steps.view is None)
+        views = [(name, f"{_VIEW}{k}") for k, name in enumerate(self.session.steps.oblique_views().values())]
+        fill(self._side, PARAMETERS["view"].menu + views + ([_IN_SPACE] if in_space else []))  # type: ignore[attr-defined]
 
 
 def step_badge(session: Session) -> str:

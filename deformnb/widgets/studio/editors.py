@@ -321,7 +321,7 @@ class StudioPicture:
 
     def turn(self) -> None:
         """Set the view to the side of the picture, unless the user has turned it elsewhere."""
-        if self._turned_to is None or equal_directions(self._turned_to, self._view.camera):
+        if self._turned_to is None or equal_directions(self._turned_to, self._view.camera) or self._link.is_at_picture:
             self._link.turn()
             self._turned_to = dict(self._view.camera)
 
@@ -405,6 +405,11 @@ class StudioEdits:
             self.milliseconds = (time.perf_counter() - start) * 1e3
             self._timed()
         return is_done
+
+    def edit_view(self, camera: Mapping[str, Any]) -> None:
+        """Edit on the picture that a camera sees, and have the view show it by parallel rays."""
+        self.apply_edit(lambda: self._session.edit_view(camera["direction"], camera["up"]))
+        self._picture.turn()
 
     def points_changed(self, editor: Any, points: Any) -> None:
         """An editor has other points."""

@@ -48,6 +48,7 @@ from deformnb.widgets.studio.panels.registration import FitPanel
 from deformnb.widgets.studio.panels.shapes import ShapesPanel
 from deformnb.widgets.studio.panels.steps import HistoryPanel, StepsPanel
 from deformnb.widgets.studio.panels.thompson import ThompsonPanel
+from deformnb.widgets.studio.panels.view_plane import ViewPlanePanel
 from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
 from deformnb.widgets.studio.wand import Wand
@@ -84,6 +85,7 @@ class PanelParts:
     export_html : writes the web page that deforms without a kernel.
     given : other volumes that belong to the session's.
     preview : shows a step in progress and no edit yet; None gives it up.
+    edit_view : edits on the picture that the camera of the view sees.
     open_volume : opens a volume in place of the session's.
     decide_labels : takes the voxels of the session's for labels, or for amounts.
     file_input : takes files dropped on the studio; None for a new one.
@@ -100,6 +102,7 @@ class PanelParts:
     export_html: Callable[..., None]
     given: GivenVolumes
     preview: Preview
+    edit_view: Callable[[], None]
     open_volume: Callable[[Volume | Channels], None]
     decide_labels: Callable[[bool], None]
     file_input: FileInput | None
@@ -212,6 +215,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
             Section(LatePanel(DisplayPanel, s.session, s.guard, s.view, s.opacity), is_open=True),
             *(Section(panel, is_open=True) for panel in channels),
             Section(LatePanel(PictureLookPanel, s.session, s.guard, s.editors.plane), is_open=True),
+            Section(LatePanel(ViewPlanePanel, s.session, s.guard, s.view, s.edit_view)),
             Section(compare),
         ],
         "Animate": [_alone(AnimationPanel, s.session, s.guard, s.view, s.folder)],

@@ -22,7 +22,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import traitlets
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation
@@ -64,10 +64,11 @@ from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
 from deformnb.widgets.studio.step_diagnostics import warm_up
 from deformnb.widgets.studio.sync import StudioSync
-from deformnb.widgets.studio.view_sync import StudioLink, followed_step
+from deformnb.widgets.studio.view_sync import StudioLink, followed_step, show_plane
 from deformnb.widgets.synced import translated_by_owner
 from deformnb.widgets.view.base import AbstractView
 from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.view.picture_plane import ShowsPlane
 from deformnb.widgets.worker import Worker
 from deformnb.words import language as chosen_language
 
@@ -151,6 +152,7 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     for name in ("projection", "background", "show_folds", "ambient_occlusion"):
         if view.has_trait(name):
             setattr(live, name, getattr(view, name))
+    show_plane(live, whole)
     live.follow(shown, whole.results.field(), whole.editing.key, output=whole.results.grid)
     return shown, live
 
@@ -334,7 +336,7 @@ class Studio(Boxes):
             is_whole.set()
         parts.sync.request_status()
         if before is not None:
-            self._schedule_warm_up()
+            _schedule_warm_up(self)
 
     def _make(
         self,
@@ -375,6 +377,7 @@ class Studio(Boxes):
                 self.export_html,
                 given,
                 link.preview,
+                _weakly_in_session(self, Studio.edit_view, worker),
                 _weakly_in_session(self, Studio.open_volume, worker),
                 _weakly_in_session(self, Studio._decide_labels, worker),
                 None if before is None else before.panels.opening.box,
@@ -423,6 +426,8 @@ class Studio(Boxes):
             (_, *shown), self.children = self.children, (file_input, parts.bar, *rows)
             close_all(*shown)
         self.deformation = session.editing.deformation
+        if isinstance(parts.view, ShowsPlane):
+            parts.view.on_edit_view(weakly(parts.edits, StudioEdits.edit_view, lambda _: not parts.worker.is_closed))
         parts.sync.start(
             parts.view, parts.editors, edits, parts.link, parts.picture, parts.slices, parts.opacity, panels.refresh
         )
@@ -458,6 +463,18 @@ class Studio(Boxes):
     def result(self, progress: Callable[[float], None] | None = None) -> Volume:
         """The deformed volume, on the grid ``session.editing.output``."""
         return self.session.results.volume(progress)
+
+    def edit_view(self, direction: ArrayLike | None = None, up: ArrayLike | None = None) -> None:
+        """Edit on the picture that the camera of the view sees; see :meth:`Session.edit_view
+        <deformnb.session.session.Session.edit_view>`.
+
+        Parameters
+        ----------
+        direction, up : of another camera, to which the view is turned.
+        """
+        if direction is not None:
+            self.view.set_camera(direction, up)
+        self.parts.edits.edit_view(self.view.camera)
 
     def undo(self) -> None:
         """Undo the last edit."""
@@ -653,12 +670,6 @@ class Studio(Boxes):
         if not self.parts.worker.is_closed:
             self.parts.worker.latest("warm up", partial(warm_up, self.session))
 
-    def _schedule_warm_up(self) -> None:
-        if isinstance(self.view, LiveView):
-            self.view.source.call_after_upload(_weakly_in_session(self, Studio.warm_up, self.parts.worker))
-        else:
-            self.warm_up()
-
     def forward_view(self, other: Any) -> None:
         """Transfer a view to another studio of the same cell that was given it as well."""
         if getattr(other, "view", None) is self.view:
@@ -693,7 +704,7 @@ class Studio(Boxes):
         """Display in marimo, which has anywidgets but no boxes, sliders and tabs: picture and volume."""
         marimo = sys.modules["marimo"]  # which calls this: it is there, and is needed here only
 
-        self._schedule_warm_up()
+        _schedule_warm_up(self)
         both = (self.editor, self.view)
         for shown in both:  # no pane is around them, whose height they would take
             if shown.has_trait("fill"):
@@ -703,8 +714,15 @@ class Studio(Boxes):
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))
-        self._schedule_warm_up()
+        _schedule_warm_up(self)
         return bundle
+
+
+def _schedule_warm_up(studio: Studio) -> None:
+    if isinstance(studio.view, LiveView):
+        studio.view.source.call_after_upload(_weakly_in_session(studio, Studio.warm_up, studio.parts.worker))
+    else:
+        studio.warm_up()
 
 
 def _weakly_in_session(studio: Studio, method: Callable[..., Any], worker: Worker) -> Callable[..., None]:

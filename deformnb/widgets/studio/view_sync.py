@@ -13,12 +13,15 @@ from dataclasses import replace
 from typing import Any
 
 from deformnb.document.deformation import Deformation, Step
+from deformnb.document.edits import is_view_name
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
+from deformnb.volume.plane import Plane
 from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.textures import MOST_MAPS, count_maps
+from deformnb.widgets.view.picture_plane import ShowsPlane
 from deformnb.widgets.worker import Worker
 
 
@@ -28,6 +31,25 @@ def followed_step(deformation: Deformation) -> int | None:
     if not in_use or deformation.steps[in_use[-1]].plane is None:
         return None
     return in_use[-1] if deformation.mode == "compose" or len(in_use) == 1 else None
+
+
+def show_plane(view: Any, session: Session) -> None:
+    """Show the place of a session's picture in a view, that of the slice where it is one."""
+    if not isinstance(view, ShowsPlane):
+        return
+    step, pictures = session.editing.step, session.pictures
+    if step.plane is None:
+        view.show_plane(None, name="in space")
+        return
+    places = step.plane.to_plane(session.editing.grid.corners())[:, :2]
+    (a0, b0), (a1, b1) = places.min(axis=0).tolist(), places.max(axis=0).tolist()
+    view.show_plane(
+        step.plane.shifted(pictures.depth) if pictures.method == "slice" else step.plane,
+        (a0, a1, b0, b1),
+        session.steps.side_of(step.plane),
+        is_named=bool(step.name) and not is_view_name(step.name),
+        is_side=session.steps.view is not None,
+    )
 
 
 class StudioLink:
@@ -62,6 +84,7 @@ class StudioLink:
                 self._view.follow(editor, field, index, output=session.results.grid)
             else:
                 self._view.follow(None, field, output=session.results.grid)
+        show_plane(self._view, session)
         in_space = editor if session.editing.step.plane is None and hasattr(self._view, "edit_points") else None
         if in_space is not self._in_space:
             self._in_space = in_space
@@ -84,10 +107,25 @@ class StudioLink:
         document, index = session.editing.deformation, session.editing.index
         self._latest(lambda: document.with_step(index, step).field(session.editing.grid))
 
+    @property
+    def is_at_picture(self) -> bool:
+        """True if the camera looks as the picture does."""
+        camera = self._view.camera
+        plane = Plane.from_normal((0, 0, 0), camera["direction"], camera["up"])
+        return self._session.editing.plane.has_same_directions(plane)
+
     def turn(self) -> None:
-        """Set the camera to the side of the picture, rotated a little for depth."""
+        """Set the camera to the picture: to a side rotated a little for depth, to an oblique view straight.
+
+        A camera that looks as the picture does stays, but for a perspective: then picture and volume coincide.
+        """
         u, v, n = self._session.editing.plane.frame
-        self._view.set_camera(n + 0.35 * u + 0.2 * v, -v)
+        if self.is_at_picture:
+            self._view.set_camera(perspective=False)
+        elif self._session.steps.view is None:
+            self._view.set_camera(n, -v, perspective=False)
+        else:
+            self._view.set_camera(n + 0.35 * u + 0.2 * v, -v)
 
     def close(self) -> None:
         """Stop observing the editors."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import ipywidgets
@@ -37,6 +38,7 @@ from deformnb.widgets.messages.views import (
     LIVE,
     ChunkRequest,
     Closed,
+    EditView,
     FollowData,
     LiveHello,
     LiveMessage,
@@ -57,11 +59,12 @@ from deformnb.widgets.view.field_sender import FieldSender, ShownField
 from deformnb.widgets.view.live_front_ends import LiveFrontEnds, Outbox, Screenshots
 from deformnb.widgets.view.packed_source import PackedSource
 from deformnb.widgets.view.page_scene import MovieHost, PageGoneError, PageScene
+from deformnb.widgets.view.picture_plane import ShowsPlane
 from deformnb.widgets.view.space_points import ShowsPoints
 from deformnb.widgets.view.stills import SceneDescription, preview_png, render_scene
 
 OF_PAGE = frozenset(
-    {"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms"}
+    {"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms", "plane_frame"}
 )
 """Traits that a front end may change: the camera by the pointer, the others by links of widgets in the front end."""
 
@@ -85,7 +88,17 @@ class Snapshot:
     space_size: int
 
 
-class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
+def _forward_drawn(
+    edit_view: Callable[[EditView], None], draw: Callable[[ToServerRenderer], None], message: ToServerRenderer
+) -> None:
+    """Pass on what a front end drawn by Python says: a wish to edit is for the studio of the live view."""
+    if isinstance(message.say, EditView):
+        edit_view(message.say)
+    else:
+        draw(message)
+
+
+class LiveView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=ViewMeta):
     """A volume in the browser, turned and deformed there.
 
     Parameters
@@ -179,7 +192,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             LiveHello: self._hello,
             ChunkRequest: source.send,
             StillRequest: self._still,
-            ToServerRenderer: self._fallback.receive,
+            ToServerRenderer: partial(_forward_drawn, self.edit_view, self._fallback.receive),
+            EditView: self.edit_view,
             FieldSeen: fields.confirm,
             PointsFollowed: self._front_ends.follow,
             Measurements: self._front_ends.measure,

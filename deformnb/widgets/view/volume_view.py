@@ -37,6 +37,7 @@ from deformnb.widgets.messages.views import (
     AbstractSize,
     CameraMoved,
     Closed,
+    EditView,
     ServedHello,
     ServedMessage,
 )
@@ -44,6 +45,7 @@ from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.synced import SyncedWidget, ViewMeta
 from deformnb.widgets.textures import MAP_SIZE
 from deformnb.widgets.view.base import AbstractView, Following, Refit
+from deformnb.widgets.view.picture_plane import ShowsPlane
 from deformnb.widgets.view.picture_sender import PictureSender
 from deformnb.widgets.view.scene_host import SceneContent, SceneHost
 from deformnb.widgets.view.space_points import ShowsPoints
@@ -100,7 +102,7 @@ def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
     return {**{name: info[name] for name in names}, "box": shown.box(output)}
 
 
-_OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height"})
+_OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "plane_frame"})
 
 
 def _trame_frames(view: VolumeView) -> Any:
@@ -128,7 +130,7 @@ _Result = TypeVar("_Result")
 _LOOK_EVERY = 0.02  # seconds between checks whether the full picture has come
 
 
-class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
+class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=ViewMeta):
     """A volume drawn by VTK in Python and shown as pictures.
 
     Parameters
@@ -387,6 +389,8 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             self._resize(message)
         elif isinstance(message, CameraMoved):
             self._turn(message)
+        elif isinstance(message, EditView):
+            self.edit_view(message)
         elif isinstance(message, Seen):
             if self.pictures.frames.confirm(message.seq, message.view):
                 self.scene.touch()

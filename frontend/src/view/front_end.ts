@@ -2,6 +2,7 @@
 
 import type { Model, Vector2 } from "../types.ts";
 import type { Shows, ViewName } from "../ui/view_parts.ts";
+import { PicturePlane } from "./picture_plane.ts";
 import { PointerControls } from "./pointer.ts";
 import { SpacePoints } from "./space_points.ts";
 import type { VolumeInfo, VolumeViewLike } from "./types.ts";
@@ -17,6 +18,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
   camera: ViewCamera;
   pointer: PointerControls;
   spacePoints: SpacePoints;
+  plane: PicturePlane;
 
   /**
    * @param kind a class of the root
@@ -40,6 +42,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
     this.shown = this.elements.shows;
     this.camera = new ViewCamera(this);
     this.pointer = new PointerControls(this);
+    this.plane = new PicturePlane(this);
     this.spacePoints = new SpacePoints(this);
   }
 
@@ -91,6 +94,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
     if (!this.info) return;
     this.elements.follow(this.camera);
     this.spacePoints.draw();
+    this.plane.draw();
   }
 
   readCamera(isForced = false) {
@@ -121,6 +125,6 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
   close() {
     this.closed = true;
     this.messages.send({ type: "bye" });
-    for (const part of [this.messages, this.pointer, this.spacePoints, this.elements]) part.close();
+    for (const part of [this.messages, this.pointer, this.spacePoints, this.plane, this.elements]) part.close();
   }
 }
