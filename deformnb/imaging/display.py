@@ -39,6 +39,7 @@ class DisplaySettings:
     shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     background : "dark" or "light".
     clip : the part of the box that is seen, as a view's ``clip``.
+    frame : the part of the volume's box that the camera frames, as a view's ``frame``.
     show_folds : whether tissue is red where the map folds.
     ambient_occlusion : whether hollows are darker, where the renderer has that: VTK does not.
     scene : makes the renderer, of (volume, transfer, size, seen); None draws the whole box from this direction.
@@ -50,6 +51,7 @@ class DisplaySettings:
     shows: str = "deformed"
     background: str = "dark"
     clip: Clip = WHOLE
+    frame: Clip = WHOLE
     show_folds: bool = False
     ambient_occlusion: bool = False
     scene: Callable[[Volume, TransferFunction, tuple[int, int], DisplaySettings], ViewRenderer] | None = None

@@ -7,6 +7,7 @@ those of the step being edited, so that one undo reverts everything.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -28,6 +29,8 @@ from deformnb.volume.plane import Picture
 _BEND = 1.0  # radians: the angle between the ends of the bent subject
 _SAG = 0.12  # of half of the subject's length: how far all is moved back to stay in the middle
 _INCISION = 0.6  # of half of the subject's length: how far the incision reaches from the middle
+_WIDENING = 0.22  # of half of the subject's width: how far either side is moved outwards
+_ELONGATED = 1.7  # length by width from which on a body is like a fish: carps have 3, an abdomen 1.4, a head 1.2
 _OPENING = 0.42  # of half of the subject's width: how far either side of the incision is moved
 
 
@@ -39,11 +42,13 @@ class Example:
     ----------
     title, tooltip : of its button.
     make : the step from an untouched one and its picture.
+    elongation : least and largest length by width of the subjects on the picture that it fits.
     """
 
     title: str
     tooltip: str
     make: Callable[[Step, Picture], Step]
+    elongation: tuple[float, float] = (1.0, math.inf)
 
 
 def _shorten_axes(picture: Picture) -> tuple[NDArray[np.float64], ...]:
@@ -98,12 +103,45 @@ def thompson(step: Step, picture: Picture) -> Step:
     )
 
 
+def widen(step: Step, picture: Picture) -> Step:
+    """Move both sides of the subject outwards by the same amount; its middle line and its ends stay."""
+    a0, a1, b0, b1 = subject_box(picture)
+    middle, half = np.array([a0 + a1, b0 + b1]) / 2, np.array([a1 - a0, b1 - b0]) / 2
+    held = [(u, v) for u in (-1.3, 0.0, 1.3) for v in (-1.1, 1.1)] + [(0.0, 0.0)]
+    sides = [(-0.7, 0.0), (0.7, 0.0)]
+    source = middle + np.array(held + sides) * half
+    moved = np.array([(0.0, 0.0)] * len(held) + [(-_WIDENING, 0.0), (_WIDENING, 0.0)]) * half
+    return step.with_points(ControlPoints.from_arrays(source, source + moved))
+
+
 EXAMPLES: dict[str, Example] = {
-    "bend": Example("Bend it", "Bend the subject to an arc", bend),
+    "bend": Example("Bend it", "Bend the subject to an arc", bend, (1.25, math.inf)),
+    "widen": Example("Widen it", "Move both sides outwards by the same amount", widen, (1.0, _ELONGATED)),
     "open": Example("Cut it open", "An incision in front, and two points that pull it open", open_cut),
-    "thompson": Example("Thompson's fish", "The grid by which D'Arcy Thompson turned one fish into another", thompson),
+    "thompson": Example(
+        "Thompson's fish",
+        "The grid by which D'Arcy Thompson turned one fish into another",
+        thompson,
+        (_ELONGATED, math.inf),
+    ),
 }
 """Examples by name."""
+
+
+def fitting_examples(session: Session) -> tuple[str, ...]:
+    """Names of the examples that fit what the picture of a session shows; none for a step in space.
+
+    Examples
+    --------
+    >>> from deformnb.datasets.phantoms import PHANTOMS
+    >>> fitting_examples(Session(PHANTOMS["head"].make((24, 24, 24)), view="+y"))
+    ('widen', 'open')
+    """
+    if session.editing.step.plane is None:
+        return ()
+    a0, a1, b0, b1 = session.pictures.subject_box
+    elongation = max(a1 - a0, b1 - b0) / min(a1 - a0, b1 - b0)
+    return tuple(name for name, one in EXAMPLES.items() if one.elongation[0] <= elongation <= one.elongation[1])
 
 
 def apply_example(session: Session, name: str) -> None:

@@ -19,10 +19,12 @@ from deformnb.session.editing import Editing
 from deformnb.session.latest import Latest
 from deformnb.session.view_state import ViewState
 from deformnb.volume.channels import ChannelDisplay, Channels
+from deformnb.volume.clip import Clip, framed_box
 from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.plane import Picture, Plane, Slices
 from deformnb.volume.transfer import TransferFunction, preset
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.foreground import foreground_shares
 from deformnb.warping.warper import warp_all
 
 
@@ -113,6 +115,7 @@ class Pictures(traitlets.HasTraits):
         self._base: Latest[Deformation, Volume] = Latest()
         self._base_channels: Latest[Deformation, Channels] = Latest()
         self._picture: Latest[_Drawn, Picture] = Latest()
+        self._frame: Latest[Grid, Clip] = Latest()
         self._styled: Latest[_Styled, Picture] = Latest()
         self._transfer: Latest[str | TransferFunction, TransferFunction] = Latest()
         if channels is not None:
@@ -190,6 +193,18 @@ class Pictures(traitlets.HasTraits):
     def slices(self) -> Slices:
         """The slices that the picture can show, by their depths."""
         return self._editing.plane.slices(self._volume.grid)
+
+    @property
+    def frame(self) -> Clip:
+        """The part of the volume's box that holds what is seen of it, by which views are framed; found once."""
+        return self._frame.of(lambda: self._volume.grid, lambda _: foreground_shares(self._volume))
+
+    @property
+    def subject_box(self) -> tuple[float, float, float, float]:
+        """The box (a0, a1, b0, b1) on the picture of the part of the volume that holds its foreground."""
+        corners = self._editing.plane.to_plane(framed_box(self._volume.grid, None, self.frame).corners())[:, :2]
+        (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
+        return float(a0), float(a1), float(b0), float(b1)
 
     # -- channels ------------------------------------------------------------------------------------------------------
 

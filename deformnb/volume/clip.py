@@ -47,6 +47,34 @@ def check_clip(value: Any) -> Clip:
     return (a, b), (c, d), (e, f)
 
 
+def framed_box(own: Grid, shown: Grid | None, frame: Clip) -> Grid:
+    """The box that a view's camera frames: a part of a volume's own, and what the shown box has beyond that.
+
+    Parameters
+    ----------
+    own : grid of the volume.
+    shown : grid whose box is seen; None for the volume's own.
+    frame : shares (low, high) of the own box along x, y and z.
+
+    Examples
+    --------
+    >>> framed_box(Grid((4, 4, 8)), None, ((0.25, 0.75), (0, 1), (0, 1))).lengths
+    (4.0, 4.0, 4.0)
+    """
+    if frame == WHOLE:
+        return own if shown is None else shown
+    scale, last = np.asarray(own.spacing), np.asarray(own.shape[::-1]) - 0.5
+    low, high = (-0.5 + np.asarray(frame).T * (last + 0.5)) * scale
+    if shown is not None:
+        corners = own.point_to_index(shown.corners()) * scale
+        least, most = corners.min(axis=0), corners.max(axis=0)
+        slack = 1e-6 * scale
+        low = np.where(least < -0.5 * scale - slack, np.minimum(low, least), low)
+        high = np.where(most > last * scale + slack, np.maximum(high, most), high)
+    middle = own.index_to_point((low + high) / 2 / scale)
+    return Grid((1, 1, 1), tuple(high - low), tuple(middle), own.direction, own.unit)
+
+
 @dataclass(frozen=True)
 class ClipBox:
     """A box along the index axes of a grid, open where nothing is cut away.

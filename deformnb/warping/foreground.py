@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
 from deformnb._typing import Floats
+from deformnb.volume.clip import WHOLE, Clip
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Grid, Volume
@@ -29,6 +30,42 @@ def foreground_level(volume: Volume) -> float:
     """The value above which voxels are foreground: the edge between air and tissue, the background of labels."""
     plain = volume.is_labels or volume.dtype == np.bool_
     return float(volume.background if plain else levels(volume)[1])
+
+
+# The foreground of a slice counts from this share of it on: dust and the noise of air are less, the tip of a fin is
+# more.
+_LEAST_OF_SLICE = 5e-4
+_SAMPLED_VOXELS = 2**21  # of which the box is found: it is exact to the distance of samples, 1 % of 128 samples
+_BOX_MARGIN = 0.03  # of the box, on each side: whiskers and the skin are below the level
+
+
+def foreground_shares(volume: Volume) -> Clip:
+    """The part of the box of a volume that holds its foreground, with a small margin; all of it where there is none.
+
+    Returns
+    -------
+    Pairs (low, high) of shares of the box from 0 to 1 along x, y and z.
+
+    Examples
+    --------
+    >>> values = np.zeros((10, 20, 50), np.uint8)
+    >>> values[:, 4:16, 10:40] = 200
+    >>> [[round(share, 2) for share in pair] for pair in foreground_shares(Volume.from_array(values))]
+    [[0.18, 0.82], [0.18, 0.82], [0.0, 1.0]]
+    """
+    step = max(1, round((volume.values.size / _SAMPLED_VOXELS) ** (1 / 3)))
+    there = volume.finite_values[::step, ::step, ::step] > foreground_level(volume)
+    pairs: list[tuple[float, float]] = []
+    for axis in (2, 1, 0):
+        others = tuple(k for k in range(3) if k != axis)
+        counts = np.count_nonzero(there, axis=others)
+        found = np.flatnonzero(counts > _LEAST_OF_SLICE * there.size / there.shape[axis])
+        if not found.size:
+            return WHOLE
+        margin = _BOX_MARGIN * (found[-1] + 1 - found[0])
+        low, high = (found[0] - margin) / len(counts), (found[-1] + 1 + margin) / len(counts)
+        pairs.append((max(0.0, float(low)), min(1.0, float(high))))
+    return pairs[0], pairs[1], pairs[2]
 
 
 # Voxels around tissue that count as such: a fold next to it would still be visible.

@@ -166,7 +166,7 @@ class Tab:
         session = self.app.session
         view = LiveView(session.volume, transfer=session.pictures.transfer, background="dark")
         view.show_deformation(session.results.field(), output=finer_grid(session.volume.grid))
-        view.camera = self.camera
+        view.camera, view.frame = self.camera, self.app.studio.view.frame
         return grey(view.still(self.size))
 
     def wait_deformed(self, before: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from deformnb.analysis import jacobian_determinant
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_box
-from deformnb.session.examples import EXAMPLES, apply_example
+from deformnb.session.examples import EXAMPLES, apply_example, fitting_examples
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 
@@ -93,7 +93,7 @@ def test_an_incision_opens_inside_the_subject_from_the_front_without_a_fold(sess
 
 def test_what_cannot_be_done_is_said_and_changes_nothing(session: Session) -> None:
     before = session.editing.deformation
-    with pytest.raises(DeformError, match="unknown example 'twist'; choose one of bend, open, thompson"):
+    with pytest.raises(DeformError, match="unknown example 'twist'; choose one of bend, widen, open, thompson"):
         apply_example(session, "twist")
     session.steps.add(in_space=True)
     with pytest.raises(DeformError, match="points in space"):
@@ -103,3 +103,29 @@ def test_what_cannot_be_done_is_said_and_changes_nothing(session: Session) -> No
     empty = Session(Volume(np.zeros((4, 5, 6), np.uint8), Grid((4, 5, 6))))
     with pytest.raises(DeformError, match="all pixels are equal"):
         apply_example(empty, "bend")
+
+
+@pytest.mark.parametrize(
+    ("name", "view", "fitting"),
+    [
+        ("fish", "-x", ("bend", "open", "thompson")),
+        ("head", "+y", ("widen", "open")),
+        ("abdomen", "+y", ("widen", "open")),
+    ],
+)
+def test_a_fish_s_grid_is_offered_for_what_is_like_a_fish(name: str, view: str, fitting: tuple[str, ...]) -> None:
+    session = Session(PHANTOMS[name].make((32, 32, 32)), view=view)
+    found = fitting_examples(session)
+    assert set(found) >= set(fitting)
+    assert ("thompson" in found) == ("thompson" in fitting)
+    session.steps.add(in_space=True)
+    assert fitting_examples(session) == ()
+
+
+def test_both_sides_are_widened_by_the_same_amount() -> None:
+    session = Session(PHANTOMS["head"].make((32, 32, 32)), view="+y")
+    apply_example(session, "widen")
+    moved = session.editing.points.displacement
+    moved = moved[moved.any(axis=1)]
+    np.testing.assert_allclose(moved[0], -moved[1])
+    assert jacobian_determinant(session.editing.deformation, session.volume.grid).min() > 0.2

@@ -246,6 +246,7 @@ class Editor(EditedPoints):
     cut_rule = traitlets.Enum(list(CUT_RULES), next(iter(CUT_RULES))).tag(sync=True)
     density = traitlets.Int(16, min=0, max=64).tag(sync=True)
     show_grid = traitlets.Bool(True).tag(sync=True)
+    grid_waits = traitlets.Bool(False, help="whether the grid is shown from the first edit on").tag(sync=True)
     show_radius = traitlets.Bool(False).tag(sync=True)
     stop_at_folds = traitlets.Bool(True).tag(sync=True)
     front_only = traitlets.Bool(
@@ -265,6 +266,9 @@ class Editor(EditedPoints):
         help="mask of tissue at any depth, as documents hold it; {} where the picture shows it"
     ).tag(sync=True)
     beyond = traitlets.List(traitlets.Float(), help="how far tissue off the picture is drawn").tag(sync=True)
+    subject = traitlets.List(traitlets.Float(), help="the box that is framed; empty for the whole picture").tag(
+        sync=True
+    )
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
     window = traitlets.List(traitlets.Float(), help="values shown as black and white, set manually").tag(sync=True)
     colour_map = traitlets.Enum(list(COLOUR_MAPS), COLOUR_MAPS[0])

@@ -338,6 +338,12 @@ class LatePanel(Generic[_AnyPanel]):
             self.panel.handle_visibility(is_open)
 
 
+def _with_icon(made: Any, icon: str) -> Any:
+    """A button that shows an icon of the studio's style sheet where its pane has no room for words."""
+    made.add_class("dnb-icon-button").add_class(f"dnb-icon-{icon}")
+    return made
+
+
 class PicturePanel(Panel):
     """Row over the picture: the step that is edited, side, projection, slice.
 
@@ -360,8 +366,8 @@ class PicturePanel(Panel):
             self._clipped_depth,
             lambda value: session.pictures.set_trait("depth", value),
         )
-        hold = action_button("hold_outline", lambda: guard(session.fix_outline))
-        shows_grids = action_button("thompson", lambda: guard(show_grids))
+        hold = _with_icon(action_button("hold_outline", lambda: guard(session.fix_outline)), "hold")
+        shows_grids = _with_icon(action_button("thompson", lambda: guard(show_grids)), "grids")
         self._on_picture = [method, hold, shows_grids]  # three pictures of a step in space have their own controls
         self._step = basic.HTML("")
         back = ACTIONS["set_back"]
@@ -619,6 +625,7 @@ class VolumePanel(Panel):
         button = basic.ToggleButton(
             False, description=parameter.label, tooltip=parameter.tooltip, layout=basic.layout(width="auto")
         )
+        _with_icon(button, "slices")
         self._of_view, self._slices = menus, slices
         self.box = row(*menus, self.add(button, lambda: slices.is_visible, slices.show))
 

@@ -48,7 +48,7 @@ def make_editor(session: Session, height: int) -> Editor:
         history=session.editing.history,
         label=f"Picture of {session.volume.name or 'the volume'}",
     )
-    made.chooses_support = False
+    made.chooses_support, made.grid_waits = False, True
     made.lone_support = lone_support(session.editing.grid)
     show_view_state(made, session)
     if step.plane is not None:
@@ -64,6 +64,7 @@ def show_step(editor: Any, session: Session) -> None:
         if isinstance(editor, Editor):
             editor.cuts, editor.parts, editor.cut_rule = step.cuts, step.parts, step.cut_rule
             editor.beyond = _box_on_picture(session)
+            editor.subject = list(session.pictures.subject_box)
             editor.front_only = is_front_only(step)
         elif editor.options != _options(session):
             editor.options = _options(session)

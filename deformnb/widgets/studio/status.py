@@ -55,8 +55,11 @@ class StudioStatus:
 
 def as_html(text: str, is_error: bool = False) -> str:
     """A text as it is seen; nothing for an empty one."""
-    colour = "color: var(--jp-error-color1, #c62828)" if is_error else "opacity: 0.85"
-    return f'<div role="status" style="{colour}; line-height: 1.35">{html.escape(text)}{_CLOSE}</div>' if text else ""
+    if not text:
+        return ""
+    role, kind = ("alert", " dnb-message-error") if is_error else ("status", "")
+    words = f'<span class="dnb-message-text">{html.escape(text)}</span>'
+    return f'<div role="{role}" class="dnb-message{kind}">{words}{_CLOSE}</div>'
 
 
 def reason_of(error: Exception) -> str:

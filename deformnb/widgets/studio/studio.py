@@ -148,7 +148,7 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     shown.density, shown.theme, shown.shows = editor.density, editor.theme, picture_mode(view.shows)
     with owned_widgets():
         live = LiveView(whole.volume, transfer=pictures.transfer_function, width=view.width, height=view.height)
-    live.camera, live.shows, live.clip = dict(view.camera), view.shows, view.clip
+    live.camera, live.shows, live.clip, live.frame = dict(view.camera), view.shows, view.clip, pictures.frame
     for name in ("projection", "background", "show_folds", "ambient_occlusion"):
         if view.has_trait(name):
             setattr(live, name, getattr(view, name))
@@ -355,6 +355,8 @@ class Studio(Boxes):
         # Thread and autosave hold the messages, and so this button among them.
         undo = _weakly_in_session(self, Studio.undo, worker)
         view = make_view(kind, session.volume, session.pictures.transfer_function, height)
+        if view.has_trait("frame"):
+            view.frame = session.pictures.frame
         editors = StudioEditors(session, height, sync.observe_editor)
         link = StudioLink(session, view, worker)
         ends.append(link.close)

@@ -172,7 +172,7 @@ class AbstractView(ABC):
         """Display settings of this view, apart from the deformation, with which a picture in a file shows the same."""
         from deformnb.widgets.view.stills import StillAsSeen, display_scene
 
-        names = ("camera", "projection", "show_folds", "ambient_occlusion")
+        names = ("camera", "projection", "frame", "show_folds", "ambient_occlusion")
         looks = {name: getattr(self, name) for name in names if hasattr(self, name)}
         return DisplaySettings(
             shows=self.shows,

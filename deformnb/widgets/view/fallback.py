@@ -21,7 +21,7 @@ from deformnb.widgets.messages.views import DrawnByPython, StillRequest, ToServe
 from deformnb.widgets.synced import LocalComm
 from deformnb.widgets.view.live_front_ends import Send
 
-SHARED = ("camera", "shows", "projection", "background", "show_folds", "clip")
+SHARED = ("camera", "shows", "projection", "background", "show_folds", "clip", "frame")
 """Traits that the server renderer has in common with the view."""
 
 _PLAYED_MS = 60.0  # how often Python receives the time of a player: its pictures are no faster

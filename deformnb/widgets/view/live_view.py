@@ -112,6 +112,7 @@ class LiveView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=Vi
         end writes it when the pointer is released; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views
         together.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
+    frame : the part of the box that the camera frames at zoom 1, three pairs of shares; see :func:`framed_box`.
     limit : voxels sent to the front end at most; a larger volume is averaged, which the view reports.
     width, height : size in CSS pixels; a narrow window makes it smaller.
     fill : True takes the size of the box around it instead.
@@ -159,6 +160,7 @@ class LiveView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=Vi
     shows = ShowsTrait().tag(sync=True)
     camera = CameraTrait().tag(sync=True)
     clip = ClipTrait().tag(sync=True)
+    frame = ClipTrait().tag(sync=True)
     width = traitlets.Int(720, min=64, max=8192).tag(sync=True)
     height = traitlets.Int(540, min=64, max=8192).tag(sync=True)
     fill = traitlets.Bool(False).tag(sync=True)
@@ -438,6 +440,7 @@ class LiveView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=Vi
             self.shows,
             self.clip,
             self.ambient_occlusion,
+            self.frame,
         )
         return Snapshot(volume, scene, shown.field, self.fields.map_size, self.fields.space_size)
 

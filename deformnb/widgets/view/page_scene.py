@@ -25,7 +25,7 @@ from deformnb.widgets.view.live_front_ends import Post
 # is made ready. Where messages come between cells only, nothing comes while one runs.
 _PATIENCE = 30.0
 
-_LOOKS = ("camera", "projection", "shows", "background", "clip", "show_folds", "ambient_occlusion")
+_LOOKS = ("camera", "projection", "shows", "background", "clip", "frame", "show_folds", "ambient_occlusion")
 
 
 class PageGoneError(DeformError):

@@ -20,7 +20,7 @@ from deformnb.imaging.display import DisplaySettings
 from deformnb.imaging.occlusion import AMBIENT_CELL, ambient_light
 from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.fields import AbstractField
-from deformnb.volume.clip import WHOLE, Clip, ClipBox, check_clip
+from deformnb.volume.clip import WHOLE, Clip, ClipBox, check_clip, framed_box
 from deformnb.volume.coarsening import block_means, coarser
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
@@ -56,6 +56,7 @@ class SceneDescription:
     shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     clip : the part of the box that is seen.
     ambient_occlusion : whether hollows are darker in the projection "shaded".
+    frame : the part of the volume's box that the camera frames, see :func:`~deformnb.widgets.camera.framed_box`.
     """
 
     shown: PackedVolume
@@ -68,6 +69,7 @@ class SceneDescription:
     shows: str
     clip: Clip = WHOLE
     ambient_occlusion: bool = False
+    frame: Clip = WHOLE
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SceneDescription):
@@ -83,7 +85,7 @@ class SceneDescription:
         return None if is_original or self.field is None or self.field.is_identity else self.field
 
 
-_PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "clip", "ambient_occlusion")
+_PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "clip", "ambient_occlusion", "frame")
 
 
 def render_scene(
@@ -127,7 +129,8 @@ def _render(
     field = scene.voxel_field(is_original)
     warped = 0.0 if field is None else 0.3
     seen = _warped_volume(scene, field, box, most, partial_progress(progress, 0.0, warped))
-    camera, part = camera_of(scene.camera, box, size[0] / size[1]), _part(scene)
+    frame = framed_box(scene.shown.original, scene.output, scene.frame) if scene.frame != WHOLE else box
+    camera, part = camera_of(scene.camera, frame, size[0] / size[1]), _part(scene)
     background, rest = BACKGROUNDS[scene.background], partial_progress(progress, warped, 1.0)
     if scene.projection == "mip":
         return draw_core_mip(
@@ -227,6 +230,7 @@ class CoreScene:
         self._shows = "deformed"
         self._clip = WHOLE
         self._has_occlusion = False
+        self._frame = WHOLE
         self.folding = Folding()
         self.set_volume(volume)
 
@@ -286,6 +290,10 @@ class CoreScene:
         """Clip the box."""
         self._clip = check_clip(clip)
 
+    def set_frame(self, frame: Clip) -> None:
+        """Frame a part of the volume's box, as a view's ``frame``."""
+        self._frame = check_clip(frame)
+
     def set_ambient_occlusion(self, is_on: bool) -> None:
         """Darken hollows, which VTK cannot: off from the start, so that both draw the same."""
         self._has_occlusion = is_on
@@ -317,6 +325,7 @@ class CoreScene:
             self._shows if shows is None else shows,
             self._clip,
             self._has_occlusion,
+            self._frame,
         )
         return render_scene(scene, (width, height), _QUICK_VOXELS if scale < 1 else None, progress)
 
@@ -363,6 +372,7 @@ def display_scene(
     scene.set_camera(dict(seen.camera))
     scene.set_shows(seen.shows)
     scene.set_clip(seen.clip)
+    scene.set_frame(seen.frame)
     scene.folding.show = seen.show_folds
     if isinstance(scene, CoreScene):
         scene.set_ambient_occlusion(seen.ambient_occlusion)

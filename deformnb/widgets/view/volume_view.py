@@ -99,7 +99,7 @@ def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
     shown = PackedVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
     info = shown.info()
     names = ("axes", "views", "origin", "spacing", "to_frame", "unit")
-    return {**{name: info[name] for name in names}, "box": shown.box(output)}
+    return {**{name: info[name] for name in names}, "box": shown.box(output), "own": shown.box()}
 
 
 _OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "plane_frame"})
@@ -141,6 +141,7 @@ class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=
     background : "dark", "light" or "auto", which is the front end's.
     shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
+    frame : the part of the box that the camera frames at zoom 1, as in a live view.
     width, height : size in CSS pixels; a narrow window makes it smaller.
     fill : True takes the size of the box around it instead.
     transport : how pictures reach the front end: "comm" is the notebook's own channel, "trame" a server of this process
@@ -191,6 +192,7 @@ class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=
     shows = ShowsTrait().tag(sync=True)
     camera = CameraTrait().tag(sync=True)
     clip = ClipTrait().tag(sync=True)
+    frame = ClipTrait().tag(sync=True)
     width = traitlets.Int(720, min=64, max=LARGEST_SIDE).tag(sync=True)
     height = traitlets.Int(540, min=64, max=LARGEST_SIDE).tag(sync=True)
     fill = traitlets.Bool(False).tag(sync=True)
@@ -225,7 +227,7 @@ class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=
             raise DeformError(f"unknown method {method!r}; choose one of {', '.join(VIEW_METHODS)}.")
         self.observe(
             self._changed,
-            ["camera", "clip", "shows", "projection", "background", "show_folds", "target_ms", "settle_ms"],
+            ["camera", "clip", "frame", "shows", "projection", "background", "show_folds", "target_ms", "settle_ms"],
         )
         if volume is not None:
             self.show(volume)
@@ -336,6 +338,7 @@ class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=
             self._path = scene.path
             scene.set_camera(self.camera)
             scene.set_clip(self.clip)
+            scene.set_frame(self.frame)
             self._set_content(scene)
         except BaseException:
             scene.close()  # there is no other reference to it, and a window of VTK's holds the graphics memory
@@ -358,6 +361,8 @@ class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=
             self.scene.change("camera", lambda scene: scene.set_camera(value))
         elif name == "clip":
             self.scene.change("clip", lambda scene: scene.set_clip(value))
+        elif name == "frame":
+            self.scene.change("frame", lambda scene: scene.set_frame(value))
         elif name == "projection":
             self.scene.change("projection", lambda scene: scene.set_projection(value))
         elif name == "background":

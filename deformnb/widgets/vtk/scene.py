@@ -40,7 +40,7 @@ from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Composed, DisplacementField, Identity
 from deformnb.rbf.regions import Line
-from deformnb.volume.clip import WHOLE, Clip, check_clip
+from deformnb.volume.clip import WHOLE, Clip, check_clip, framed_box
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, as_transfer, levels
 from deformnb.volume.volume import Grid, Volume
@@ -389,6 +389,7 @@ class VtkScene:
         self._transfer: TransferFunction | None = None
         self._camera = checked_camera({})
         self._clip = WHOLE
+        self._frame = WHOLE
         self.set_size(size)
         self.set_shows("deformed")
         self.set_background(background)
@@ -469,6 +470,10 @@ class VtkScene:
         """Set the camera: direction, up, zoom, pan and perspective as in a view's ``camera``."""
         self._camera = checked_camera(camera)
 
+    def set_frame(self, frame: Clip) -> None:
+        """Frame a part of the volume's box, as a view's ``frame``."""
+        self._frame = check_clip(frame)
+
     def set_clip(self, clip: Clip) -> None:
         """Clip the box: shares along its axes as in a view's ``clip``."""
         self._clip = check_clip(clip)
@@ -534,7 +539,8 @@ class VtkScene:
         progress: Callable[[float], None] | None,
     ) -> Image | None:
         self._deform(deformed)
-        camera = camera_of(self._camera, self.voxels.output or self._volume.grid, size[0] / size[1])
+        framed = framed_box(self._volume.grid, self.voxels.output, self._frame)
+        camera = camera_of(self._camera, framed, size[0] / size[1])
         distance = camera.sample_distance(self._volume.grid, size[1]) * coarseness
         return self._vtk_window.draw(
             camera,

@@ -52,6 +52,7 @@ import { WindowTool } from "./window_tool.ts";
 const SHOWN = [
   "density",
   "show_grid",
+  "grid_waits",
   "show_radius",
   "read_only",
   "history",
@@ -89,7 +90,12 @@ export class EditorView extends EditorDrawing {
     this.commands = parts.commands = new Commands(parts);
     panels.toolbar = new Toolbar(this.host, root);
     this.stage = parts.stage = new Stage(el, root);
-    parts.viewport = new Viewport(frames, () => parts.picture.sheet);
+    parts.viewport = new Viewport(
+      frames,
+      () => parts.picture.sheet,
+      MARGIN,
+      () => parts.picture.framed,
+    );
     panels.names = new NamePrompt(parts);
     this.stage.element.append(messages.tip, messages.alert);
     panels.help = new HelpPanel(this.stage.element, root, () => this.stage.focus());
@@ -155,7 +161,7 @@ export class EditorView extends EditorDrawing {
     });
     on("change:chosen_shape", () => tools.shapes.choice.receive());
     for (const name of ["image", "raster"]) on(`change:${name}`, () => this.loadPicture());
-    for (const name of ["beyond", "height", "label"]) on(`change:${name}`, () => this.layout());
+    for (const name of ["beyond", "subject", "height", "label"]) on(`change:${name}`, () => this.layout());
     on("change:theme", () => this.theme.apply());
     on("change:waiting", () => this.showWaiting());
     for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => map.invalidate());
@@ -195,9 +201,15 @@ export class EditorView extends EditorDrawing {
       tools.window.trait.flush();
     };
     beforeActionOutside(root, flush, signal);
+    for (const name of ["pointerenter", "pointerleave", "focus", "blur"] as const)
+      frames.listen(stage.element, name, () => this.#showFaintGrid(), { signal });
     const sizes = new ResizeObserver(() => frames.guard(() => this.layout()));
     sizes.observe(root);
     signal.addEventListener("abort", () => sizes.disconnect());
+  }
+
+  #showFaintGrid() {
+    if (this.parts.layers.grid.isWaiting) this.frames.invalidate();
   }
 
   close() {
@@ -333,7 +345,11 @@ export class EditorView extends EditorDrawing {
     const known = fit ? (painter.sampled ?? fit) : null; // at the nodes of the picture while something moves
     const { latest } = bus;
     if (latest && latest.layered === fit && latest.phase === "move") latest.sampled = painter.sampled;
-    if (layers.grid.isOn) layers.grid.draw(known, original.share);
+    if (layers.grid.isOn) {
+      painter.context.globalAlpha = layers.grid.opacity;
+      layers.grid.draw(known, original.share);
+      painter.context.globalAlpha = 1;
+    }
     layers.ghost.draw();
     if (!frames.isResting || !map.folds) {
       map.findFolds(known);
@@ -387,7 +403,7 @@ export class EditorView extends EditorDrawing {
   }
 
   #updateToolbar() {
-    const { model, panels, picture, points, sender, tools } = this.parts,
+    const { layers, model, panels, picture, points, sender, tools } = this.parts,
       { choice } = tools.shapes,
       { list, selected } = points,
       tool = tools.pen.draft?.tool;
@@ -409,7 +425,7 @@ export class EditorView extends EditorDrawing {
       window: tools.window.isOn,
       wand: tools.wand.isOn,
       lock: own.length > 0 && own.every((p) => p.locked),
-      grid: model.get("show_grid"),
+      grid: model.get("show_grid") && !layers.grid.isWaiting,
       radius: model.get("show_radius"),
       help: panels.help.isOpen,
     });

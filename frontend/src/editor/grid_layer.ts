@@ -9,7 +9,9 @@ import type { EditorParts } from "./parts.ts";
 export type GridLines = ReturnType<typeof deformedGrid>;
 
 /** Dependencies of the grid on the editor. */
-export type GridEditor = EditorParts<"model" | "frames" | "theme" | "picture" | "viewport">;
+export type GridEditor = EditorParts<"model" | "frames" | "points" | "stage" | "theme" | "picture" | "viewport">;
+
+const FAINT = 0.3;
 
 export class GridLayer {
   /** The grid drawn last, and its inputs; null where it has to be computed again. */
@@ -17,10 +19,26 @@ export class GridLayer {
 
   constructor(readonly editor: GridEditor) {}
 
+  /** Whether the user has asked for the grid before the first edit. */
+  isWanted = false;
+
   /** Whether there is a grid to show. */
   get isOn() {
     const { model } = this.editor;
-    return Boolean(model.get("show_grid") && model.get("density") > 0);
+    return Boolean(model.get("show_grid") && model.get("density") > 0 && this.opacity > 0);
+  }
+
+  /** Whether the grid waits for the first edit: until then the picture is shown without it. */
+  get isWaiting() {
+    const { model, points } = this.editor;
+    if (!model.get("grid_waits") || this.isWanted || model.get("drag_grid") || model.get("history")?.undo) return false;
+    return points.list.every(({ source, target }) => source[0] === target[0] && source[1] === target[1]);
+  }
+
+  /** Of its lines: faint under the pointer while it waits. */
+  get opacity() {
+    if (!this.isWaiting) return 1;
+    return this.editor.stage.element.matches(":hover, :focus-visible") ? FAINT : 0;
   }
 
   /** Draw the grid: straight left of a share of the width, deformed right of it. */

@@ -1,5 +1,6 @@
 // The modes of the editor: adding, selecting, the pen, a brush, and the tools that exclude one another.
 
+import { setTrait } from "../sync/edits.ts";
 import type { Vector2 } from "../types.ts";
 import type { Gesture } from "./gesture.ts";
 import type { EditorParts } from "./parts.ts";
@@ -24,9 +25,9 @@ interface HeldTool {
 
 /** Dependencies of the modes on the editor. */
 export type ModesEditor = EditorParts<
-  "frames" | "messages" | "stage" | "points",
+  "model" | "frames" | "messages" | "stage" | "points",
   "pen" | "brush" | "window" | "wand" | "shapes",
-  never,
+  "grid",
   "help"
 >;
 
@@ -134,6 +135,19 @@ export class Modes {
   toggleHelp() {
     this.editor.panels.help.toggle();
     this.editor.frames.invalidate();
+  }
+
+  /** Show the grid, also before the first edit, or hide it. */
+  toggleGrid() {
+    const {
+        frames,
+        layers: { grid },
+        model,
+      } = this.editor,
+      isAwaited = model.get("show_grid") && grid.isWaiting;
+    grid.isWanted = isAwaited || !model.get("show_grid");
+    if (isAwaited) frames.invalidate();
+    else setTrait(model, "show_grid", !model.get("show_grid"));
   }
 
   /** False if the list of keys was not open. */

@@ -99,4 +99,15 @@ export class ShownPicture {
       beyond = this.editor.model.get("beyond") ?? [];
     return mapVector(box, (x, n) => (beyond.length === 4 ? (n % 2 ? Math.max : Math.min)(x, beyond[n]) : x));
   }
+
+  /** The part of the drawing that is framed: the subject's box, and the part of the result's beyond the picture. */
+  get framed(): Vector4 {
+    const { box, sheet } = this,
+      subject = this.editor.model.get("subject") ?? [];
+    if (subject.length !== 4) return sheet;
+    const [a0, a1, b0, b1] = subject as Vector4;
+    const inside: Vector4 = [Math.max(a0, box[0]), Math.min(a1, box[1]), Math.max(b0, box[2]), Math.min(b1, box[3])];
+    if (inside[0] >= inside[1] || inside[2] >= inside[3]) return sheet;
+    return mapVector(inside, (x, n) => (sheet[n] === box[n] ? x : sheet[n]!));
+  }
 }

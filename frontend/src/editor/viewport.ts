@@ -6,22 +6,27 @@ import type { Band } from "./gesture.ts";
 import type { View } from "./painter.ts";
 
 export const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
+const MARGIN_SHARE = 0.04; // of a small view's shorter side, to which its margin is limited
 const LEAST_SEEN = 0.1; // share of the picture, or of the view, that stays in view
 const LOOK_ZOOM = 2.5; // times the whole picture, when a point is centred
 
 export class Viewport {
   view: View = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 };
 
-  isFitted = true; // whether the view shows the whole picture
+  isFitted = true; // whether the view shows all of the picture, or of its framed part
+
+  isWhole = false; // whether that is the picture, with the air around its framed part
 
   /**
    * @param box the sides of the picture: a0, a1, b0, b1
    * @param margin CSS pixels around it
+   * @param framed the sides of the part that is fitted first
    */
   constructor(
     private readonly frames: Frames,
     private readonly box: () => readonly [...Vector4, ...number[]],
     private readonly margin = MARGIN,
+    private readonly framed = box,
   ) {}
 
   /**
@@ -52,16 +57,26 @@ export class Viewport {
     else Object.assign(v, { x: v.x + dx, y: v.y + dy });
   }
 
+  get #fitted() {
+    return this.isWhole ? this.box() : this.framed();
+  }
+
   get #fittedScale() {
-    const [a0, a1, b0, b1] = this.box(),
+    const [a0, a1, b0, b1] = this.#fitted,
       { width, height } = this.view;
-    const { margin } = this;
+    const margin = Math.min(this.margin, Math.max(8, MARGIN_SHARE * Math.min(width, height)));
     return Math.max(1e-9, Math.min((width - 2 * margin) / (a1 - a0), (height - 2 * margin) / (b1 - b0)));
   }
 
-  /** Show the whole picture. */
+  /** Show the framed part of the picture; a second time all of the picture, where that is more. */
+  toggleFit() {
+    this.isWhole = this.isFitted && !this.isWhole && String(this.framed()) !== String(this.box());
+    this.fit();
+  }
+
+  /** Show the framed part of the picture, or all of it, as chosen last. */
   fit() {
-    const [a0, a1, b0, b1] = this.box(),
+    const [a0, a1, b0, b1] = this.#fitted,
       { width, height } = this.view,
       k = this.#fittedScale;
     Object.assign(this.view, { k, x: width / 2 - (k * (a0 + a1)) / 2, y: height / 2 - (k * (b0 + b1)) / 2 });

@@ -24,6 +24,7 @@ const MENUS = [
   ["export", "Export"],
 ] as const;
 const PANES = ["picture", "volume"] as const;
+const MOST_FOOT = 0.4; // of the panes' height, beyond which messages are scrolled
 const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two are side by side
 
 /** The head of one view of a studio. */
@@ -39,6 +40,7 @@ class StudioHead extends Widget {
   help: HTMLButtonElement;
   side: SidePanel | null = null;
   arrivals: MutationObserver;
+  frame = 0; // of the next arrangement
   sizes: ResizeObserver;
 
   constructor(model: Model, el: HTMLElement) {
@@ -74,7 +76,11 @@ class StudioHead extends Widget {
     this.listen(window, "change", (event) => this.#returnFocus(event));
     const { signal } = this.closing;
     this.arrivals = new MutationObserver(() => this.#waitUntilLoaded());
-    this.sizes = new ResizeObserver(() => this.arrange());
+    // In the next frame: what is arranged changes the sizes that are observed.
+    this.sizes = new ResizeObserver(() => {
+      cancelAnimationFrame(this.frame);
+      this.frame = requestAnimationFrame(() => this.arrange());
+    });
     this.sizes.observe(el);
     this.draw();
     requestAnimationFrame(() => {
@@ -145,17 +151,30 @@ class StudioHead extends Widget {
     for (const name of PANES) this.#addAlone(panes, name);
     const editor = this.#editor,
       raster = editor?.model.get("raster");
+    this.#fitFoot(panes);
     if (!editor) return;
     if (!raster?.shape) {
       panes.classList.add("dnb-panes-stacked");
       return;
     } // three pictures of space: the whole width
-    const [width, height] = [raster.shape[1] * raster.spacing[0], raster.shape[0] * raster.spacing[1]],
+    const [a0, a1, b0, b1] = editor.model.get("subject") ?? [],
+      isFramed = b1 !== undefined,
+      width = isFramed ? a1 - a0 : raster.shape[1] * raster.spacing[0],
+      height = isFramed ? b1 - b0 : raster.shape[0] * raster.spacing[1],
       w = panes.clientWidth,
       h = panes.clientHeight;
     const beside = Math.min(w / 2 / width, h / height),
       above = Math.min(w / width, h / 2 / height);
     panes.classList.toggle("dnb-panes-stacked", above > beside && width / height > NEARLY_SQUARE);
+  }
+
+  /** Give the foot of the panes the height of what it shows: a long message, or examples. */
+  #fitFoot(panes: HTMLElement) {
+    const shown = [...panes.querySelectorAll<HTMLElement>(":scope > :is(.dnb-studio-start, .dnb-studio-messages)")];
+    for (const box of shown) this.sizes.observe(box);
+    const heights = shown.map((box) => [...box.children].reduce((sum, part) => sum + part.scrollHeight, 0));
+    const most = Math.min(Math.max(0, ...heights), MOST_FOOT * panes.clientHeight);
+    panes.style.setProperty("--dnb-foot-side", `${Math.ceil(most)}px`);
   }
 
   /** A button in the title of a pane that gives it the place of both; a double click on the title does so too. */
@@ -191,6 +210,7 @@ class StudioHead extends Widget {
     this.arrivals.disconnect();
     this.side?.close();
     this.sizes.disconnect();
+    cancelAnimationFrame(this.frame);
   }
 
   #button(label: string, act: () => void) {

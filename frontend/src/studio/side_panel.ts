@@ -5,17 +5,19 @@
 // the studio was made (class dnb-section-open): a second client changes nothing for the first.
 // It is stored in a cookie, for an application has another port at each start, and local storage belongs to a port.
 
-import { OWN_KEYS, pageElement, setAttributes } from "../ui/dom.ts";
+import { buttonElement, iconElement, OWN_KEYS, pageElement, setAttributes } from "../ui/dom.ts";
 
 const COOKIE = "deformnb-side-panel";
 const KEPT = "path=/; max-age=31536000; SameSite=Strict"; // a year
 const FIRST = 304,
   LEAST = 240; // CSS pixels
+const ROOM_FOR_PANEL = 880; // CSS pixels of a studio, below which the panel is folded away at first
+const FOLD = "M2.5 3h11v10h-11zM9.5 3v10M5 6l2 2-2 2";
 const MOST = 0.6; // of the studio
 const STEP = 16,
   LARGE_STEP = 64; // CSS pixels of an arrow key without and with Shift
 
-export type Remembered = { width?: number; tab?: string; open?: Record<string, boolean> };
+export type Remembered = { width?: number; folded?: boolean; tab?: string; open?: Record<string, boolean> };
 
 function storedLayout(): Remembered {
   const found = document.cookie
@@ -41,6 +43,10 @@ const isOpen = (section: Element) => headingOf(section)?.getAttribute("aria-expa
 
 export class SidePanel {
   splitter: HTMLDivElement;
+
+  /** The button that folds the panel away, and shows it again. */
+  folder: HTMLButtonElement;
+
   closing = new AbortController();
   changes: MutationObserver;
   sizes: ResizeObserver;
@@ -76,8 +82,17 @@ export class SidePanel {
       title: "Drag, or press an arrow, to change the width; double-click for the first one",
       ...OWN_KEYS,
     });
+    this.folder = buttonElement("dnb-panel-fold", panel, iconElement(FOLD), () => this.fold(!this.isFolded));
     const { signal } = this.closing,
       options = { signal, capture: true };
+    // A tab of a panel that is folded away shows it.
+    panel.addEventListener(
+      "click",
+      ({ target }) => {
+        if (this.isFolded && target instanceof Element && target.closest(".dnb-tab")) this.fold(false);
+      },
+      { signal },
+    );
     for (const name of ["pointerdown", "keydown"]) {
       panel.addEventListener(
         name,
@@ -100,8 +115,9 @@ export class SidePanel {
     this.sizes = new ResizeObserver((entries) => {
       for (const { target } of entries) this.#revealSection(target);
     });
-    const { width } = storedLayout();
+    const { width, folded } = storedLayout();
     this.#show(typeof width === "number" ? width : FIRST);
+    this.#showFolded(folded ?? (this.isSideColumn && this.body.clientWidth < ROOM_FOR_PANEL));
     this.#follow();
   }
 
@@ -111,12 +127,35 @@ export class SidePanel {
     cancelAnimationFrame(this.frame);
     this.closing.abort();
     this.splitter.remove();
+    this.folder.remove();
+    this.body.classList.remove("dnb-panel-folded");
   }
 
   // ---- the width ----------------------------------------------------------------------------------------------------
 
   get #most() {
     return Math.max(LEAST, Math.round(MOST * this.body.clientWidth));
+  }
+
+  /** Whether the panel is next to the panes, and not below them. */
+  get isSideColumn() {
+    return getComputedStyle(this.body).display === "grid";
+  }
+
+  get isFolded() {
+    return this.body.classList.contains("dnb-panel-folded");
+  }
+
+  /** Fold the panel away but for its tabs, or show it again. */
+  fold(isFolded: boolean) {
+    this.#showFolded(isFolded);
+    remember({ folded: isFolded });
+  }
+
+  #showFolded(isFolded: boolean) {
+    this.body.classList.toggle("dnb-panel-folded", isFolded);
+    const words = isFolded ? "Show the panel" : "Fold the panel away";
+    setAttributes(this.folder, { "aria-expanded": !isFolded, title: words, "aria-label": words });
   }
 
   /** @param width CSS pixels */

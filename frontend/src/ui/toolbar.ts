@@ -78,7 +78,7 @@ const GROUPS: ToolEntry[][] = [
     ["compare", "Before", "Show the picture as it was", true],
     ["window", "Window", "Change the window: drag left and right for its width, up and down for its level", true],
   ],
-  [["fit", "Fit", "Show the whole picture"]],
+  [["fit", "Fit", "Fit the object; again, the whole picture"]],
   [
     ["more", "More", "More tools", false],
     ["help", "Keys", "Keys and gestures", true],

@@ -35,6 +35,8 @@ export interface VolumeInfo {
   axes: Matrix3;
   /** In the volume's own frame. */
   box: Sides;
+  /** The volume's own, where `box` is the result's. */
+  own?: Sides;
   outside: number;
   is_labels: boolean;
   grey: Vector2;

@@ -2,6 +2,8 @@
 
 import { perAxis } from "../maths/axes.ts";
 import { Camera } from "../maths/camera.ts";
+import { type Clip, isClipped, UNCLIPPED } from "../maths/clipping.ts";
+import type { Sides } from "../types.ts";
 import { boxCorners } from "../ui/view_parts.ts";
 import type { CameraTrait, ViewDirection, VolumeViewLike } from "./types.ts";
 
@@ -26,9 +28,28 @@ export class ViewCamera extends Camera {
     return this.view.field?.box || this.info.box;
   }
 
-  /** The middle of the box, in the volume's own frame. */
+  /** The part of the box that is framed: the trait's share of the volume's own, and what the result has beyond that. */
+  get framed(): Sides {
+    const { box } = this,
+      whole = this.info.own ?? this.info.box,
+      shares: Clip = this.view.model.get("frame") ?? UNCLIPPED;
+    if (!isClipped(shares)) return box;
+    const size = perAxis((i) => whole.high[i] - whole.low[i]);
+    return {
+      low: perAxis((i) => {
+        const low = whole.low[i] + shares[i][0] * size[i];
+        return box.low[i] < whole.low[i] - 1e-6 * size[i] ? Math.min(low, box.low[i]) : low;
+      }),
+      high: perAxis((i) => {
+        const high = whole.low[i] + shares[i][1] * size[i];
+        return box.high[i] > whole.high[i] + 1e-6 * size[i] ? Math.max(high, box.high[i]) : high;
+      }),
+    };
+  }
+
+  /** The middle of the framed box, in the volume's own frame. */
   get middle() {
-    const { low, high } = this.box;
+    const { low, high } = this.framed;
     return perAxis((i) => (low[i] + high[i]) / 2);
   }
 
@@ -45,7 +66,7 @@ export class ViewCamera extends Camera {
 
   /** The length in space that the picture is high when all of the box is seen. */
   get full() {
-    return this.fit(boxCorners(this.box, this.info.axes), this.aspect);
+    return this.fit(boxCorners(this.framed, this.info.axes), this.aspect);
   }
 
   /** The value of the trait. */
@@ -88,7 +109,7 @@ export class ViewCamera extends Camera {
 
   /** Keep some of the box in the picture, wherever it is moved. */
   keepBoxInView() {
-    this.keepInView(boxCorners(this.box, this.info.axes), this.aspect);
+    this.keepInView(boxCorners(this.framed, this.info.axes), this.aspect);
   }
 
   /** Fit all of the box into the view. */

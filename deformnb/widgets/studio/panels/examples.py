@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from deformnb.document.deformation import Deformation
-from deformnb.session.examples import EXAMPLES, apply_example
+from deformnb.session.examples import EXAMPLES, apply_example, fitting_examples
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, line
 from deformnb.widgets.studio.controls import Guard, Panel, button, prose
 
-_FIRST = "Double-click on the picture to add a point, and drag it. Or try:"
+_FIRST = "Or try an example:"
 _MENU = "Each takes the place of the step that is edited; one undo takes it back."
 
 
@@ -50,6 +50,9 @@ class ExamplesPanel(Panel):
         return apply
 
     def arrange(self) -> None:
+        fitting = fitting_examples(self.session)
+        for name, made in self.buttons.items():
+            basic.set_visible(made, name in fitting)
         if self._is_start:
             is_empty = self.session.editing.step.plane is not None and is_untouched(self.session.editing.deformation)
             basic.set_visible(self.box, is_empty)
