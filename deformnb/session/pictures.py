@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from deformnb.volume.clip import Clip, framed_box
 from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.plane import Picture, Plane, Slices
 from deformnb.volume.transfer import TransferFunction, preset
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Volume
 from deformnb.warping.foreground import foreground_shares
 from deformnb.warping.warper import warp_all
 
@@ -115,7 +116,6 @@ class Pictures(traitlets.HasTraits):
         self._base: Latest[Deformation, Volume] = Latest()
         self._base_channels: Latest[Deformation, Channels] = Latest()
         self._picture: Latest[_Drawn, Picture] = Latest()
-        self._frame: Latest[Grid, Clip] = Latest()
         self._styled: Latest[_Styled, Picture] = Latest()
         self._transfer: Latest[str | TransferFunction, TransferFunction] = Latest()
         if channels is not None:
@@ -194,10 +194,10 @@ class Pictures(traitlets.HasTraits):
         """The slices that the picture can show, by their depths."""
         return self._editing.plane.slices(self._volume.grid)
 
-    @property
+    @cached_property
     def frame(self) -> Clip:
         """The part of the volume's box that holds what is seen of it, by which views are framed; found once."""
-        return self._frame.of(lambda: self._volume.grid, lambda _: foreground_shares(self._volume))
+        return foreground_shares(self._volume)
 
     @property
     def subject_box(self) -> tuple[float, float, float, float]:

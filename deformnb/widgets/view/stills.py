@@ -228,9 +228,8 @@ class CoreScene:
         self._size, self._projection, self._background = size, projection, background
         self._wanted_transfer, self._camera = transfer, checked_camera({})
         self._shows = "deformed"
-        self._clip = WHOLE
+        self._parts = {"clip": WHOLE, "frame": WHOLE}  # of the box: what is seen, and what the camera frames
         self._has_occlusion = False
-        self._frame = WHOLE
         self.folding = Folding()
         self.set_volume(volume)
 
@@ -288,11 +287,11 @@ class CoreScene:
 
     def set_clip(self, clip: Clip) -> None:
         """Clip the box."""
-        self._clip = check_clip(clip)
+        self._parts["clip"] = check_clip(clip)
 
     def set_frame(self, frame: Clip) -> None:
         """Frame a part of the volume's box, as a view's ``frame``."""
-        self._frame = check_clip(frame)
+        self._parts["frame"] = check_clip(frame)
 
     def set_ambient_occlusion(self, is_on: bool) -> None:
         """Darken hollows, which VTK cannot: off from the start, so that both draw the same."""
@@ -323,9 +322,9 @@ class CoreScene:
             self._projection,
             self._background,
             self._shows if shows is None else shows,
-            self._clip,
+            self._parts["clip"],
             self._has_occlusion,
-            self._frame,
+            self._parts["frame"],
         )
         return render_scene(scene, (width, height), _QUICK_VOXELS if scale < 1 else None, progress)
 

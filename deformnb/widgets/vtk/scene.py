@@ -388,8 +388,7 @@ class VtkScene:
         self._window: VolumeWindow | None = VolumeWindow()
         self._transfer: TransferFunction | None = None
         self._camera = checked_camera({})
-        self._clip = WHOLE
-        self._frame = WHOLE
+        self._parts = {"clip": WHOLE, "frame": WHOLE}  # of the box: what is seen, and what the camera frames
         self.set_size(size)
         self.set_shows("deformed")
         self.set_background(background)
@@ -472,11 +471,11 @@ class VtkScene:
 
     def set_frame(self, frame: Clip) -> None:
         """Frame a part of the volume's box, as a view's ``frame``."""
-        self._frame = check_clip(frame)
+        self._parts["frame"] = check_clip(frame)
 
     def set_clip(self, clip: Clip) -> None:
         """Clip the box: shares along its axes as in a view's ``clip``."""
-        self._clip = check_clip(clip)
+        self._parts["clip"] = check_clip(clip)
         self._apply_clip()
 
     def set_shows(self, shows: str) -> None:
@@ -539,7 +538,7 @@ class VtkScene:
         progress: Callable[[float], None] | None,
     ) -> Image | None:
         self._deform(deformed)
-        framed = framed_box(self._volume.grid, self.voxels.output, self._frame)
+        framed = framed_box(self._volume.grid, self.voxels.output, self._parts["frame"])
         camera = camera_of(self._camera, framed, size[0] / size[1])
         distance = camera.sample_distance(self._volume.grid, size[1]) * coarseness
         return self._vtk_window.draw(
@@ -579,10 +578,12 @@ class VtkScene:
 
     def _apply_clip(self) -> None:
         if self.shader.warp is not None:
-            is_cut = np.not_equal(np.transpose(self._clip), [[0.0], [1.0]]).astype(float)
-            self.shader.warp.set_box(*self.voxels.box(self._clip), self.voxels.lattice, is_cut)
+            is_cut = np.not_equal(np.transpose(self._parts["clip"]), [[0.0], [1.0]]).astype(float)
+            self.shader.warp.set_box(*self.voxels.box(self._parts["clip"]), self.voxels.lattice, is_cut)
         else:
-            self._vtk_window.set_clipping_planes(clipping_planes(self.voxels.lattice, self.voxels.clip_box(self._clip)))
+            self._vtk_window.set_clipping_planes(
+                clipping_planes(self.voxels.lattice, self.voxels.clip_box(self._parts["clip"]))
+            )
 
     def _deform(self, deformed: bool) -> None:
         wanted = deformed and self._field is not None
@@ -591,7 +592,7 @@ class VtkScene:
             self.shader.warp.set_strength(1.0 if wanted else 0.0)
             self.shader.warp.set_folds(self.folding.is_red)
         # A shader clips at the visible box, and needs the tissue outside for displacements from there.
-        kept = None if self.shader.warp is not None else self.voxels.clip_box(self._clip)
+        kept = None if self.shader.warp is not None else self.voxels.clip_box(self._parts["clip"])
         if wanted and (self.shader.warp is None or self.shader.maps is None):
             self.voxels.write("warped", self._field, kept)
         else:
