@@ -23,6 +23,10 @@ from benchmarks.goals import ROWS
 from benchmarks.latency_cells import CASES
 from benchmarks.latency_page import HOOKS, Seat, Seen
 from benchmarks.latency_report import Results, Verdict, table, verdicts
+from benchmarks.studio_cases import CASES as STUDIOS
+from benchmarks.studio_cases import application
+from benchmarks.studio_cases import cell as studio_cell
+from benchmarks.studio_page import RATE, hand_path, split_trace
 from deformnb.native import library
 from deformnb.rbf.fields import DisplacementField
 from deformnb.rbf.fitting import fit_rbf
@@ -118,6 +122,41 @@ def test_a_target_that_is_missed_is_told_by_the_exit_status(
 def test_the_cells_are_python(name: str) -> None:
     for cell in CASES[name](32):
         ast.parse(cell)
+
+
+@pytest.mark.parametrize("case", STUDIOS)
+def test_the_programs_of_studios_are_python(case: str, tmp_path: Path) -> None:
+    for program in (studio_cell(case, tmp_path, 8), application(case, tmp_path, 8, tmp_path)):
+        ast.parse(program)
+
+
+def test_a_hand_moves_without_jumps_and_comes_back_to_no_place() -> None:
+    path = np.array(list(hand_path(4.0)))
+    assert len(path) == 4 * RATE
+    steps = np.hypot(*np.diff(path, axis=0).T)
+    assert 0 < steps.min() < 0.5 < steps.mean() < steps.max() < 6
+    assert np.ptp(path, axis=0).min() > 30
+
+
+def test_a_trace_is_split_into_the_time_of_each_kind_without_what_is_within() -> None:
+    def event(name: str, start: int, long: int, thread: int = 1) -> dict[str, Any]:
+        return {"ph": "X", "name": name, "ts": start, "dur": long, "pid": 1, "tid": thread}
+
+    names = [
+        {"ph": "M", "name": "thread_name", "pid": 1, "tid": tid, "args": {"name": name}}
+        for tid, name in ((1, "CrRendererMain"), (2, "CrGpuMain"), (3, "Compositor"))
+    ]
+    own = [
+        event("RunTask", 0, 20_000),
+        event("FireAnimationFrame", 1_000, 10_000),
+        event("Layout", 2_000, 4_000),
+        event("SvgTextLayoutAlgorithm::Layout", 3_000, 1_000),
+        event("Paint", 12_000, 3_000),
+        event("RunTask", 30_000, 5_000),
+    ]
+    found = split_trace([*names, *own, event("RunTask", 0, 9_000, 2), event("RunTask", 0, 99_000, 3)])
+    expected = {"script": 6.0, "layout": 4.0, "paint": 3.0, "other": 12.0, "gpu": 9.0}
+    assert {kind: ms for kind, ms in found.items() if ms} == pytest.approx(expected)
 
 
 def test_times_are_counted_from_the_first_input() -> None:

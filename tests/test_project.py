@@ -46,6 +46,7 @@ DISTRIBUTION = {
     "repo2docker": "jupyter-repo2docker",
     "skimage": "scikit-image",
     "trame_rca": "trame-rca",
+    "websocket": "websocket-client",
     "xdist": "pytest-xdist",
     "yaml": "pyyaml",
 }

@@ -183,10 +183,24 @@ def test_regions_differ_by_form_as_well_as_by_colour(open_editor: Any, picture: 
     page.editor.points = points
     page.wait_settled()
     forms = page.js(f"""[0, 1, 2, 3, 4, 5, 6, 7].map((k) => {{
-        const parts = {PAGE}.layers.handles.byId.get(k);
-        {PAGE}.tools.shapes.markOf = (p) => p.id;
+        const parts = {PAGE}.layers.handles.byId.get(3);
+        {PAGE}.tools.shapes.markOf = () => k;
         {PAGE}.frames.drawNow();
-        return parts.form.getAttribute("d"); }})""")
+        return parts.forms[1].getAttribute("d"); }})""")  # of one point, so of one place
     assert len(set(forms)) == 8  # the first is the plain disc
     assert forms[0] == ""
     assert all(form.startswith("M") and form.endswith("Z") for form in forms[1:])
+
+
+def test_points_at_rest_cost_no_layout_of_text_and_no_transform(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, ControlPoints.from_arrays(np.random.default_rng(3).uniform(20, 60, (40, 2)))))
+    laid_out = "[...document.querySelectorAll('.dnb-ed-points text')].filter((t) => t.getClientRects().length).length"
+    page.page.mouse.move(0, 0)
+    assert page.js(laid_out) == 0
+    shown = """[...document.querySelectorAll('.dnb-ed-points *')].filter((e) => e.getClientRects().length
+      && (e.hasAttribute('transform') || getComputedStyle(e).filter !== 'none')).length"""
+    assert page.js(shown) == 0
+    page.page.locator("[data-id='7'] .dnb-ed-hit").hover()
+    assert page.js(laid_out) == 1
+    assert page.page.locator("[data-id='7'] .dnb-ed-name").is_visible()
+    assert page.page.locator("[data-id='8'] .dnb-ed-name").is_hidden()

@@ -45,9 +45,15 @@ export interface HandleParts {
   arrow: SVGGElement;
   source: SVGGElement;
   target: SVGGElement;
+  /** Of the target and of the source: what lies around their places */
+  discs: SVGCircleElement[];
+  rings: SVGCircleElement[];
+  /** What only points in some state show, such as their names: not laid out for the others */
+  more: SVGGElement;
   radius: SVGCircleElement;
   tip: SVGTitleElement;
-  form: SVGPathElement;
+  /** The form of a region and its dark edge */
+  forms: SVGPathElement[];
   beyond: SVGPathElement;
   text: SVGTextElement;
   mark: number | null;
@@ -88,6 +94,20 @@ export function preventScrolling(event: TouchEvent) {
   const { target } = event,
     held = "[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip, " + ".dnb-ed-chosen, [data-motion]";
   if (event.cancelable && target instanceof Element && target.closest(held)) event.preventDefault();
+}
+
+/** A path of absolute commands, moved to a place: a transform of each point would cost every frame its share. */
+export function pathAt(path: string, x: number, y: number) {
+  return path.replace(/([MLHVAZ])([^MLHVAZ]*)/g, (_, command: string, given: string) => {
+    const numbers = (given.match(/-?\d*\.?\d+/g) ?? []).map(Number),
+      isArc = command === "A";
+    const moved = numbers.map((value, k) => {
+      if (isArc && k % 7 < 5) return value; // radii, angle and flags
+      const isAcross = command === "H" || (command !== "V" && (isArc ? k % 7 === 5 : k % 2 === 0));
+      return (value + (isAcross ? x : y)).toFixed(2);
+    });
+    return command + moved.join(" ");
+  });
 }
 
 /** The description of a point for screen readers. */
@@ -185,8 +205,8 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
       ];
       if (drawn.every((value, n) => value === parts.drawn[n])) return; // of two hundred points, a drag moves one
       parts.drawn = drawn;
-      this.#place(parts, p, isSelected, view, hasRadius ? (p.radius ?? radius) : 0);
       this.#mark(parts, mark);
+      this.#place(parts, p, isSelected, view, hasRadius ? (p.radius ?? radius) : 0);
       parts.target.classList.toggle("dnb-ed-suspect", isSuspect);
       setText(parts.tip, this.words.tip(p, reach) + (isSuspect ? "; disagrees with its neighbours" : ""));
     });
@@ -221,10 +241,14 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     svgElement("path", { class: "dnb-ed-arrow-case" }, arrow);
     svgElement("path", { class: "dnb-ed-arrow" }, arrow);
     svgElement("path", { class: "dnb-ed-arrow-head" }, arrow);
+    const circles = (of: SVGGElement, named: [name: string, r: number][]) =>
+      named.map(([name, r]) => svgElement("circle", { r, class: `dnb-ed-${name}` }, of));
     const source = svgElement("g", { class: "dnb-ed-source", "data-source": id }, this.points);
-    svgElement("circle", { r: 9, class: "dnb-ed-hit" }, source);
-    svgElement("circle", { r: 4.5, class: "dnb-ed-ring-case" }, source);
-    svgElement("circle", { r: 4.5, class: "dnb-ed-ring" }, source);
+    const rings = circles(source, [
+      ["hit", 9],
+      ["ring-case", 4.5],
+      ["ring", 4.5],
+    ]);
     const target = svgElement(
       "g",
       {
@@ -238,17 +262,40 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
       this.points,
     );
     const tip = svgElement("title", {}, target);
-    svgElement("circle", { r: 14, class: "dnb-ed-hit" }, target);
-    svgElement("circle", { r: 11, class: "dnb-ed-halo" }, target);
-    for (const name of ["dnb-ed-doubt-case", "dnb-ed-doubt"]) svgElement("circle", { r: 15, class: name }, target);
-    svgElement("circle", { r: 6.5, class: "dnb-ed-disc" }, target);
-    const form = svgElement("path", { class: "dnb-ed-form" }, target);
-    svgElement("rect", { x: -5.5, y: -5.5, width: 11, height: 11, class: "dnb-ed-square" }, target);
-    svgElement("path", { class: "dnb-ed-lock", d: "M-3.4 0V-2.2a3.4 3.4 0 0 1 6.8 0V0M-4.6-.2H4.6V5.6H-4.6Z" }, target);
-    const beyond = svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, target);
-    const text = svgElement("text", { class: "dnb-ed-name dnb-ed-number" }, target);
+    const discs = circles(target, [
+      ["hit", 14],
+      ["disc-case", 6.5],
+      ["disc", 6.5],
+    ]);
+    const forms = ["form-case", "form"].map((name) => svgElement("path", { class: `dnb-ed-${name}` }, target));
+    const more = svgElement("g", { class: "dnb-ed-more" }, target);
+    circles(more, [
+      ["halo-case", 11],
+      ["halo", 11],
+      ["doubt-case", 15],
+      ["doubt", 15],
+    ]);
+    svgElement("rect", { x: -5.5, y: -5.5, width: 11, height: 11, class: "dnb-ed-square" }, more);
+    svgElement("path", { class: "dnb-ed-lock", d: "M-3.4 0V-2.2a3.4 3.4 0 0 1 6.8 0V0M-4.6-.2H4.6V5.6H-4.6Z" }, more);
+    const beyond = svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, more);
+    const text = svgElement("text", { class: "dnb-ed-name dnb-ed-number" }, more);
     const radius = svgElement("circle", { class: "dnb-ed-radius" }, this.radii);
-    const parts: HandleParts = { arrow, source, target, radius, tip, form, beyond, text, mark: null, drawn: [] };
+    const drawn: unknown[] = [];
+    const parts: HandleParts = {
+      arrow,
+      source,
+      target,
+      discs,
+      rings,
+      more,
+      radius,
+      tip,
+      forms,
+      beyond,
+      text,
+      mark: null,
+      drawn,
+    };
     this.byId.set(id, parts);
     return parts;
   }
@@ -260,8 +307,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
       if (mark === null) part.removeAttribute("data-region");
       else part.setAttribute("data-region", String(mark));
     }
-    parts.form.setAttribute("d", mark === null ? "" : REGION_FORMS[mark]!);
-    parts.target.classList.toggle("dnb-ed-formed", parts.form.getAttribute("d") !== "");
+    parts.target.classList.toggle("dnb-ed-formed", mark !== null && REGION_FORMS[mark] !== "");
   }
 
   /** Mark these points as blocked, and no others. */
@@ -287,8 +333,11 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     const isOutside = at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
     const shown = isOutside ? inside : at,
       { target, source, arrow } = parts;
-    target.setAttribute("transform", `translate(${shown[0]!.toFixed(2)} ${shown[1]!.toFixed(2)})`);
-    source.setAttribute("transform", `translate(${from[0].toFixed(2)} ${from[1].toFixed(2)})`);
+    for (const disc of parts.discs) setAttributes(disc, { cx: shown[0]!.toFixed(2), cy: shown[1]!.toFixed(2) });
+    for (const ring of parts.rings) setAttributes(ring, { cx: from[0].toFixed(2), cy: from[1].toFixed(2) });
+    const form = parts.mark === null ? "" : pathAt(REGION_FORMS[parts.mark]!, shown[0]!, shown[1]!);
+    for (const path of parts.forms) setAttributes(path, { d: form });
+    parts.more.setAttribute("transform", `translate(${shown[0]!.toFixed(2)} ${shown[1]!.toFixed(2)})`);
     target.classList.toggle("dnb-ed-selected", isSelected);
     for (const part of [target, source, arrow]) part.classList.toggle("dnb-ed-off", !p.active);
     for (const part of [target, source]) part.classList.toggle("dnb-ed-kept", p.locked === true);

@@ -36,7 +36,12 @@ function nameAll(root: Element) {
  * @param signal ends it
  */
 export function nameControls(root: Element, signal: AbortSignal) {
-  const changes = new MutationObserver(() => nameAll(root));
+  // Editors and views name their own controls, and change something in every frame of a drag.
+  const isOwn = ({ target }: MutationRecord) =>
+    target instanceof Element && target.closest(".dnb-editor, .dnb-space, .dnb-view") !== null;
+  const changes = new MutationObserver((records) => {
+    if (!records.every(isOwn)) nameAll(root);
+  });
   changes.observe(root, { childList: true, subtree: true, attributeFilter: ["title"] });
   signal.addEventListener("abort", () => changes.disconnect());
   nameAll(root);
