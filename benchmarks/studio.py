@@ -115,6 +115,8 @@ def _trees(against: str | None, folder: Path) -> Iterator[dict[str, Path]]:
     try:
         modules = (_ROOT / "frontend" / "node_modules").resolve()
         (tree / "frontend" / "node_modules").symlink_to(modules, target_is_directory=True)
+        lock = tree / "frontend" / "package-lock.json"
+        os.utime(lock, (0, 0))  # older than what it has installed
         for script in (["node_tasks.py", "bundle"], ["native_build.py"]):
             subprocess.run([sys.executable, *script], cwd=tree, env={**os.environ, "PYTHONPATH": str(tree)}, check=True)
         yield {"before": tree, "now": _ROOT}

@@ -847,8 +847,9 @@ function rbfNeighbours({ merged, n, origin, radius }: Ready, most: number) {
     for (let c = 0; c < dim; c++) x[dim * k + c] = (q.x[c]! - origin[c]!) / radius;
   });
   const insert = (i: number, j: number, gap: number) => {
-    let at = (i + 1) * count - 1;
-    for (; at > i * count && gaps[at - 1]! > gap; at--) {
+    const first = i * count;
+    let at = first + count - 1;
+    for (; at > first && gaps[at - 1]! > gap; at--) {
       gaps[at] = gaps[at - 1]!;
       found[at] = found[at - 1]!;
     }
@@ -938,22 +939,42 @@ function rbfDistance(p: Vector, q: Vector) {
 function rbfCrossingPairs(ready: Ready, map: number[][], most: number = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
-  const moved = merged.map(({ d, x }) => mapVector(d, (value, k) => value + x[k]! - rbfDot(map[k]!, x)));
+  const dim = map.length, // flat arrays: with vectors this took longer than the solve
+    x = Float64Array.from(merged.flatMap((q) => q.x)),
+    moved = Float64Array.from(merged.flatMap((q) => q.d.map((value, k) => value + q.x[k]! - rbfDot(map[k]!, q.x)))),
+    gap = new Float64Array(dim);
+  const distance = (places: Float64Array, i: number, j: number) => {
+    let square = 0;
+    for (let k = 0; k < dim; k++) {
+      const step = places[dim * i + k]! - places[dim * j + k]!;
+      square += step * step;
+    }
+    return Math.sqrt(square);
+  };
+  const lengthUnderMap = () => {
+    let square = 0;
+    for (const row of map) {
+      let sum = 0;
+      for (let k = 0; k < dim; k++) sum += row[k]! * gap[k]!;
+      square += sum * sum;
+    }
+    return Math.sqrt(square);
+  };
   const pairs = new Map<number, [i: number, j: number, degree: number]>(),
     { found, count } = rbfNeighbours(ready, NEAREST_AND_EQUAL);
   for (let i = 0; i < n; i++) {
-    const fourth = rbfDistance(merged[i]!.x, merged[found[i * count + Math.min(NEAREST, count) - 1]!]!.x);
-    for (const j of found.subarray(i * count, (i + 1) * count)) {
-      const gap = difference(merged[i]!.x, merged[j]!.x);
-      if (Math.hypot(...gap) > fourth * (1 + SAME_DISTANCE)) break;
-      const along = Math.max(
-        COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
-        Math.hypot(...map.map((row) => rbfDot(row, gap))),
-      );
-      const beside = rbfDistance(moved[i]!, moved[j]!);
+    const fourth = distance(x, i, found[i * count + Math.min(NEAREST, count) - 1]!);
+    for (let at = i * count; at < (i + 1) * count; at++) {
+      const j = found[at]!,
+        length = distance(x, i, j);
+      if (length > fourth * (1 + SAME_DISTANCE)) break;
+      for (let k = 0; k < dim; k++) gap[k] = x[dim * i + k]! - x[dim * j + k]!;
+      const along = Math.max(COLLAPSED * length, lengthUnderMap()); // beyond that the ratio would be rounding
+      const beside = distance(moved, i, j);
+      if (!(beside > along)) continue;
       // In quarters of an octave, as in deformnb.rbf.conditioning: neither rounding nor a small move changes the names.
       const degree = Math.round(4 * Math.log2(beside / along));
-      if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
+      pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
     }
   }
   const worst = [...pairs]
@@ -1586,15 +1607,30 @@ function rbfFoldsBetween(fit: RbfFit, pair: Vector2) {
 function rbfMapDerivative(fit: RbfFit, place: number[]) {
   const { centers: x, coefficients: alpha, count, scales, linear, quadratic, support } = fit,
     dim = place.length;
-  const slope = RBF_KERNELS[fit.kernel]!.slope;
-  const out = rbfMatrix(dim, (m, k) => linear[m]![k]! + (quadratic ? 2 * rbfDot(quadratic[m]![k]!, place) : 0));
-  for (let c = 0, j = 0; c < count; c++, j += dim) {
-    const away = place.map((value, k) => value - x[j + k]!),
-      w = scales ? scales[c]! * scales[c]! : 1;
-    const g = 2 * w * slope(rbfDot(away, away) * w);
-    for (let m = 0; m < dim; m++) for (let k = 0; k < dim; k++) out[m]![k]! += alpha[j + m]! * g * away[k]!;
+  const slope = RBF_KERNELS[fit.kernel]!.slope,
+    away = new Float64Array(dim),
+    out = new Float64Array(dim * dim);
+  for (let m = 0; m < dim; m++) {
+    for (let k = 0; k < dim; k++) {
+      out[m * dim + k] = linear[m]![k]! + (quadratic ? 2 * rbfDot(quadratic[m]![k]!, place) : 0);
+    }
   }
-  return rbfMatrix(dim, (m, k) => Number(m === k) + out[m]![k]! / support);
+  for (let c = 0, j = 0; c < count; c++, j += dim) {
+    const w = scales ? scales[c]! * scales[c]! : 1;
+    let square = 0;
+    for (let k = 0; k < dim; k++) {
+      const step = place[k]! - x[j + k]!;
+      away[k] = step;
+      square += step * step;
+    }
+    const g = 2 * w * slope(square * w);
+    if (g === 0) continue;
+    for (let m = 0; m < dim; m++) {
+      const pull = alpha[j + m]! * g;
+      for (let k = 0; k < dim; k++) out[m * dim + k]! += pull * away[k]!;
+    }
+  }
+  return rbfMatrix(dim, (m, k) => Number(m === k) + out[m * dim + k]! / support);
 }
 
 /** The determinant of a matrix of 2 or 3 rows. */

@@ -55,14 +55,14 @@ const PIECE_MS = 25; // of a quick picture: a widget that draws a picture next t
 const GPU_SHARE = 0.5,
   SOFTWARE_SHARE = 0.25; // of the usual 65 ms: 16, so that a volume follows in every second frame
 const HEARD_MS = 3; // from the end of the GPU's work until the page is notified
-const COARSEST = 6; // halvings of the pixels: an eighth of them along both axes
+const COARSEST = 2; // halvings of the pixels: half of them along both axes, or a moving volume is a blur
 const FEWEST_PIXELS = 8000; // of a quick picture: 7 to 12 ms of drawing; with fewer it waits for other work as long
 const KNOWN_COSTS = 5; // of quick pictures, whose median counts: a single slow one has other causes
 const FITS_EASILY = 0.75,
   EXCEEDS = 1.3; // of the time: between the two the scale stays, or the picture would flicker
 const ANSWER_MS = 1000; // after a drag: what changes within that time is an answer to it, and no movement follows
 const SHOW_MS = 150; // of work, after which a first whole picture at rest is due
-const LONGEST_STRIDE = 4; // a quick picture of a slow volume has about every eighth
+const LONGEST_STRIDE = 4; // a quick picture of a slow volume has about every fourth
 const FINER = 1.2; // than the quick picture by at least so much, or the first at rest shows nothing new
 const MOST_PIECES = 3; // each waits for its turn at the GPU: many small ones take longer than they save
 // [milliseconds, passes]: the faster a full picture, the more of them are averaged; without a GPU the processors have
@@ -84,7 +84,7 @@ class QuickScale {
   #costs: number[] = [];
 
   constructor(readonly isSoftware: boolean) {
-    this.halvings = isSoftware ? 4 : 1;
+    this.halvings = isSoftware ? COARSEST : 1;
   }
 
   /** The share of the full picture's width and height that a quick one has. */
@@ -439,7 +439,7 @@ export class FrameLoop {
       }
     }
     // Fewer samples along the ray too: half of the time saved by fewer pixels would be spent on depth nobody sees.
-    const coarseness = scale < 0.5 ? 1.6 : 1.15;
+    const coarseness = this.caster.gpu.isSoftware && scale < 1 ? 1.6 : 1.15;
     this.rush = {
       pieces,
       size: [width, height],
