@@ -14,6 +14,9 @@ const here = dirname(fileURLToPath(import.meta.url)),
 const outdir = join(here, "..", "deformnb", "widgets", "static");
 const isDebug = process.argv.includes("--debug");
 
+/** Part of the style sheet of each widget. */
+const DISCONNECTED = "ui/disconnected.css";
+
 const VIEW = [
   "view/live_view.css",
   "ui/compare.css",
@@ -90,7 +93,7 @@ const packages = new Set();
 /** Bundles the files of one name; of a module nothing but its default export is left, with its words in a language. */
 async function bundled(name, paths, format) {
   for (const loader of ["ts", "css"]) {
-    const own = paths.filter((path) => path.endsWith(`.${loader}`)),
+    const own = [...paths, ...(format === "esm" ? [DISCONNECTED] : [])].filter((path) => path.endsWith(`.${loader}`)),
       [first] = own;
     if (!first) continue;
     const contents =

@@ -502,7 +502,8 @@ class Recovery:
         self.session = session
         self.lost: list[SavedSession] = []
         self.earlier: list[SavedSession] = []
-        self.written = ""
+        self._found: list[SavedSession] = []
+        self.written = self._noted = ""
         self._report, self._changed = report, changed
         self.ready = threading.Event()
         self._differs = session.editing.deformation if session.editing.deformation.volume is not None else None
@@ -570,9 +571,42 @@ class Recovery:
         index = entry.index if 0 <= entry.index < len(document.steps) else None
         self.session.editing.edit_document(document, f"go back to the edit of {moment(entry.edited)}", index=index)
 
+    @property
+    def name(self) -> str:
+        """Name of the autosave of this session, which names it in the next process too; empty before the first edit."""
+        path = self.autosave.path
+        return "" if path is None else path.stem
+
+    def resume_named(self, name: str) -> bool:
+        """Continue the session of another process that has ended; can be undone.
+
+        Parameters
+        ----------
+        name : its :attr:`name` there.
+
+        Returns
+        -------
+        Whether there is such a session on this volume.
+
+        Raises
+        ------
+        DeformError
+            If its file is damaged.
+        """
+        entry = next((entry for entry in self._found if entry.path.stem == name and not entry.is_live), None)
+        if entry is None:
+            return False
+        try:
+            self._restore(entry)
+            self.lost = [other for other in self.lost if other.path != entry.path]
+            self.earlier = [other for other in self.earlier if other.path != entry.path]
+        finally:
+            self._changed()
+        return True
+
     def _find_lost(self, reference: VolumeReference) -> None:
         try:
-            found = saved_sessions(reference, self._folder, every=True)
+            found = self._found = saved_sessions(reference, self._folder, every=True)
             self.lost = [entry for entry in found if entry.is_lost]
             self.earlier = [entry for entry in found if entry.is_earlier]
             if self._differs is not None:
@@ -581,11 +615,10 @@ class Recovery:
                     self._report(difference)
         finally:
             self.ready.set()
-        if self.lost or self.earlier:
-            self._changed()
+        self._changed()
 
     def _note(self, entry: SavedSession) -> None:
         written = moment(entry.edited) if entry.state == "open" else ""
-        if written != self.written:
-            self.written = written
+        if written != self.written or entry.path.stem != self._noted:
+            self.written, self._noted = written, entry.path.stem
             self._changed()

@@ -627,6 +627,13 @@ export interface RestoreCommand {
   version: number;
 }
 
+/** The session that a page has shown until its Python ended, and wants to go on with. */
+export interface ResumeRequest {
+  type: "resume";
+  /** Name of its autosave; 1 to 100 characters. */
+  session: string;
+}
+
 /** The press of the button. */
 export interface SaveRequest {
   type: "save";
@@ -1117,7 +1124,7 @@ export type FileInputToPython = UploadBegin | UploadPiece | UploadCancel;
 export type FileInputToFrontEnd = PieceRequest | UploadReading | UploadDone;
 
 /** Any message of RestoreBar. */
-export type RestoreBarToPython = RestoreCommand;
+export type RestoreBarToPython = RestoreCommand | ResumeRequest;
 
 /** Any message of RestoreBar. */
 export type RestoreBarToFrontEnd = CommandDone;

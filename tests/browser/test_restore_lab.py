@@ -74,14 +74,24 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     page.evaluate("""() => { jupyterapp.shell.currentWidget.sessionContext.session.kernel.requestExecute(
         { code: "import os, signal; os.kill(os.getpid(), signal.SIGKILL)", store_history: false }); }""")
     page.wait_for_function("document.querySelector('.dnb-restore-gone')", timeout=60_000)
-    assert "The kernel was restarted: run the cell again. The session autosaved at" in bar.inner_text()
+    assert "The kernel was restarted. Run the cell again. The session autosaved at" in bar.inner_text()
     assert page.locator(".dnb-restore-button").filter(visible=True).count() == 0
+    # Nothing is displaced by ipywidgets' marks of broken links, and picture and volume are as alive as before.
+    page.wait_for_function("document.querySelectorAll('.dnb-studio .jupyter-widgets-disconnected').length > 20")
+    assert page.evaluate("""() => [...document.querySelectorAll('.jupyter-widgets-disconnected')]
+        .filter((element) => getComputedStyle(element, '::before').content !== 'none').length""") == 0
+    assert page.locator(".dnb-ed-stage").bounding_box()["height"] > 100
 
     # JupyterLab tells of the kernel's end too, sooner or later.
     page.add_locator_handler(page.locator(".jp-Dialog"), lambda: page.keyboard.press("Escape"))
     page.wait_for_function(
         "jupyterapp.shell.currentWidget.sessionContext.session?.kernel?.status === 'idle'", timeout=60_000
     )
+    page.mouse.move(*at(page, 26, 23))
+    page.mouse.down()
+    page.mouse.move(*at(page, 22, 27), steps=5)
+    page.mouse.up()
+    assert points(page)[4][1][1] > edited[4][1][1] + 2
     lab.run_all(page)
     page.wait_for_selector(".dnb-restore:not(.dnb-restore-gone)", state="visible", timeout=120_000)
     ready(page)

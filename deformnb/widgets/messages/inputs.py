@@ -95,7 +95,15 @@ class RestoreCommand(Message, frozen=True, kw_only=True, tag="act"):
     version: Annotated[Whole, Meta(description="of the offer: a command for an earlier one is dropped")]
 
 
-RESTORE: Channel[RestoreCommand] = Channel(("RestoreBar",), RestoreCommand, (CommandDone,))
+class ResumeRequest(Message, frozen=True, kw_only=True, tag="resume"):
+    """The session that a page has shown until its Python ended, and wants to go on with."""
+
+    session: Annotated[str, Meta(min_length=1, max_length=100, description="name of its autosave")]
+
+
+RESTORE: Channel[RestoreCommand | ResumeRequest] = Channel(
+    ("RestoreBar",), RestoreCommand | ResumeRequest, (CommandDone,)
+)
 
 
 class SaveRequest(Message, frozen=True, kw_only=True, tag="save"):

@@ -2,7 +2,8 @@
 
 The bar at the top of the studio offers the edits that were lost when a kernel died, and reports that it has died just
 now. Python sends its offer and the time of the last autosave. The front end requests one of three actions
-(RestoreCommand of :mod:`deformnb.widgets.messages.inputs`); a request for an earlier offer is dropped.
+(RestoreCommand of :mod:`deformnb.widgets.messages.inputs`); a request for an earlier offer is dropped. A page that has
+outlived its Python names the session that it showed (ResumeRequest), which goes on without a question.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import traitlets
 from deformnb.session.autosave import Recovery
 from deformnb.session.session import Session
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.messages.inputs import RESTORE, CommandDone, RestoreCommand
+from deformnb.widgets.messages.inputs import RESTORE, CommandDone, RestoreCommand, ResumeRequest
 from deformnb.widgets.messages.record import Refused
 from deformnb.widgets.synced import SyncedWidget
 
@@ -35,6 +36,8 @@ class RestoreBar(SyncedWidget):
     Attributes
     ----------
     offer : the question; written : when the session was last written, for a front end whose kernel has ended.
+    session : name of the autosave, empty before the first edit; ready : whether the sessions of earlier processes are
+        known, and one can be resumed.
 
     Examples
     --------
@@ -51,6 +54,8 @@ class RestoreBar(SyncedWidget):
 
     offer = traitlets.Unicode("").tag(sync=True)
     written = traitlets.Unicode("").tag(sync=True)
+    session = traitlets.Unicode("").tag(sync=True)
+    ready = traitlets.Bool(False).tag(sync=True)
     version = traitlets.Int(0).tag(sync=True)
 
     def __init__(
@@ -78,13 +83,20 @@ class RestoreBar(SyncedWidget):
                 self.version += 1
                 self.offer = self._recovery.offer
             self.written = self._recovery.written
+            self.session = self._recovery.name
+            self.ready = self._recovery.ready.is_set()
 
-    def take_message(self, message: RestoreCommand, buffers: Any = ()) -> None:
+    def take_message(self, message: RestoreCommand | ResumeRequest, buffers: Any = ()) -> None:
         try:
-            if message.version == self.version:
+            if isinstance(message, ResumeRequest):
+                self._guard(lambda: self._resume(message.session))
+            elif message.version == self.version:
                 self._guard(lambda: self.recovery.act(message.what))
         finally:
             self.post(CommandDone())
+
+    def _resume(self, session: str) -> None:
+        self.recovery.resume_named(session)
 
     def _refuse(self, refused: Refused) -> None:
         self.post(CommandDone())

@@ -105,7 +105,7 @@ class Records(logging.Handler):
 
 def state(widget: SyncedWidget) -> dict[str, Any]:
     """The state of a front end, without numbers of answers and results of threads."""
-    found = {name: value for name, value in widget.get_state().items() if name not in ("seen", "thumbnails")}
+    found = {name: value for name, value in widget.get_state().items() if name not in ("seen", "thumbnails", "ready")}
     shown = found.get("shown")
     return {**found, "shown": {**shown, "seen": None}} if isinstance(shown, dict) else found
 
