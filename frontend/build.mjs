@@ -70,6 +70,7 @@ const WIDGETS = {
 const PAGES = {
   app: ["app/app.ts", "app/app.css"],
   access: ["app/access.ts"],
+  start: ["app/start.ts"],
   remote: ["app/remote.ts", "view/live_view.css", "ui/compare.css", "view/volume_view.css", "app/remote.css"],
   standalone: ["standalone.ts", "inputs/clip_sliders.css", "standalone.css"],
   file_page: ["file_page.ts", "inputs/clip_sliders.css", "standalone.css", "file_page.css"],

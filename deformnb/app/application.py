@@ -6,32 +6,31 @@ An edit that takes a second so never blocks the server.
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import html
-import math
-import os
-import sys
-import tempfile
-import webbrowser
-from collections.abc import Callable, Iterator
+import base64
+from collections.abc import Callable
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 from deformnb.app import IDLE_MINUTES
 from deformnb.app.bridge import Bridge
+from deformnb.app.start import StartServer, check_app, port_error, print_line, starting
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
-from deformnb.errors import DeformError
+from deformnb.imaging.preview import draw_preview
+from deformnb.imaging.projection import project
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.inputs import as_volume_and_channels, best_view, subject_from
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelsLike
-from deformnb.volume.plane import VIEWS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.cell_widgets import owned_widgets
+from deformnb.widgets.image_encoding import as_jpeg
 from deformnb.widgets.studio.studio import Studio
-from deformnb.widgets.web.guard import checked_host, is_loopback
 from deformnb.widgets.web.server import PageServer
 from deformnb.widgets.worker import Worker
+
+STILL_SIZE = 480
+"""Longer side in pixels of the picture that is seen until the studio is."""
 
 
 class Application:
@@ -85,27 +84,12 @@ class Application:
         self.studio.close()
 
 
-def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES) -> str:
-    """The address to listen at, or the error in the options, before a volume is read.
-
-    Raises
-    ------
-    DeformError
-        For an address, a port, a side or a time that cannot be.
-    """
-    if not 0 <= port < 2**16:
-        raise DeformError(f"a port is a number from 0 to 65535, got {port}; 0 takes a free one.")
-    if side is not None and side not in VIEWS:
-        raise DeformError(f"unknown side {side!r}; choose one of {', '.join(VIEWS)}.")
-    if not (idle >= 0 and math.isfinite(idle)):
-        raise DeformError(f"--idle takes minutes, 0 for never, got {idle:g}.")
-    return checked_host(host)
-
-
 def app_server(
-    app: Application, *, host: str = "127.0.0.1", port: int = 0, idle: float = 60 * IDLE_MINUTES
+    app: Application, *, host: str = "127.0.0.1", port: int = 0, idle: float = 60 * IDLE_MINUTES, **options: Any
 ) -> PageServer:
-    """A server of the page with this application; see :class:`~deformnb.widgets.web.server.PageServer`."""
+    """A server of the page with this application; options are those of a
+    :class:`~deformnb.widgets.web.server.PageServer`.
+    """
 
     def make(server: PageServer) -> Bridge:
         bridge = Bridge(app.studio, app.thread, server)
@@ -113,7 +97,7 @@ def app_server(
         app.studio.observe(lambda _change: server.call_in_loop(_set_title, server.trame, app), "children")
         return bridge
 
-    return PageServer(make, host=host, port=port, idle=idle)
+    return PageServer(make, host=host, port=port, idle=idle, **options)
 
 
 def _build_client(server: Any, app: Application) -> None:
@@ -129,6 +113,7 @@ def _build_client(server: Any, app: Application) -> None:
 
     server.enable_module({"scripts": ["deformnb/app.js"], "styles": ["deformnb/app.css"], "vue_use": ["deformnb_app"]})
     server.state.trame__title = _title(app)
+    server.state.trame__template_error_reconnect = "<deformnb-lost></deformnb-lost>"  # trame's own empties the page
     with DivLayout(server):
         AbstractElement("deformnb-studio")
 
@@ -146,6 +131,14 @@ def _title(app: Application) -> str:
 def synthetic_carp(progress: Callable[[float], None] | None = None) -> Volume:
     """The volume where none is given."""
     return PHANTOMS["fish"].make(progress=progress)
+
+
+def still_of(volume: ChannelsLike, side: str | None = None) -> str:
+    """URL of a picture of a volume, of few pixels, which is seen until a page shows the studio."""
+    given, _ = as_volume_and_channels(subject_from(volume))
+    picture = project(given, side or best_view(given), method="mip")
+    small = draw_preview(picture, [], ControlPoints.empty(2), STILL_SIZE)
+    return f"data:image/jpeg;base64,{base64.b64encode(as_jpeg(small)).decode()}"
 
 
 def open_app(
@@ -179,53 +172,44 @@ def open_app(
         If the address or the port cannot be had.
     """
     host = check_app(host, port, side, idle)
-    if not is_loopback(host):
-        _print(f"warning: anyone who reaches {host} and has the address below can use this session, unencrypted.")
+    name = getattr(volume, "name", "") or "volume"
+    with starting(name, host=host, port=port, browser=browser, idle=idle, language=language) as start:
+        serve_app(volume, deformation, start, side=side, viewer=viewer, idle=idle, language=language)
+
+
+def serve_app(
+    volume: ChannelsLike,
+    deformation: Deformation | None,
+    start: StartServer,
+    *,
+    side: str | None = None,
+    viewer: str = "live",
+    idle: float = IDLE_MINUTES,
+    language: str | None = None,
+) -> None:
+    """Serve the tool in place of the page of its start, as :func:`open_app` does.
+
+    Parameters
+    ----------
+    start : whose address and password it takes.
+
+    Raises
+    ------
+    DeformError
+        If the port was taken by another program meanwhile.
+    """
+    start.facts["still"] = still_of(volume, side)
+    start.progress("Opening the studio …")
     app = Application(volume, deformation, side=side, viewer=viewer, language=language)
     try:
-        server = app_server(app, host=host, port=port, idle=60 * idle)
-        with contextlib.ExitStack() as stack:
-
-            def ready(url: str) -> None:
-                announce(url, idle, stack if browser else None)
-                app.studio.warm_up()  # while the browser starts
-
-            asyncio.run(server.run(ready))
+        facts = {"name": start.facts["name"], "still": start.facts["still"]}
+        server = app_server(
+            app, host=start.host, port=start.port, idle=60 * idle, token=start.token, earlier=start.earlier, facts=facts
+        )
+        start.close()
+        asyncio.run(server.run(lambda url: app.studio.warm_up()))  # while the page loads
     except OSError as error:
-        raise DeformError(
-            f"{host} port {port or 'any'} cannot be had: {error.strerror or error}; choose another --port."
-        ) from None
+        raise port_error(start.host, start.port, error) from None
     finally:
         app.close()
-    _print(f"stopped: {server.reason}.")
-
-
-def _print(text: str) -> None:
-    with contextlib.suppress(OSError):  # the terminal is closed
-        sys.stderr.write(f"deformnb: {text}\n")
-        sys.stderr.flush()
-
-
-def announce(url: str, idle: float, stack: contextlib.ExitStack | None) -> None:
-    """Print where the page is, and open it in a browser until the stack ends."""
-    sys.stdout.write(f"{url}\n")  # once, and never into a log: anyone with it can open the session
-    sys.stdout.flush()
-    alone = f", and so do {idle:g} minutes without a page (--idle)" if idle else ""
-    _print(f"open this address in a browser of this machine; Ctrl-C ends it{alone}.")
-    if stack is not None:
-        webbrowser.open(stack.enter_context(_redirect_file(url)).as_uri())
-
-
-@contextlib.contextmanager
-def _redirect_file(url: str) -> Iterator[Path]:
-    """A file that leads to the address: arguments of a program, such as a browser, can be read by other users."""
-    handle, name = tempfile.mkstemp(prefix="deformnb-", suffix=".html")  # only its owner may read it
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(
-                f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" '
-                f'content="0; url={html.escape(url)}"><title>deformnb</title>'
-            )
-        yield Path(name)
-    finally:
-        Path(name).unlink(missing_ok=True)
+    print_line(f"stopped: {server.reason}.")

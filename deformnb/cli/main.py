@@ -13,12 +13,15 @@ import sys
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NoReturn, TypeAlias
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from deformnb.cli.transform import add_transform
 from deformnb.cli.warp import add_replay, add_spacing, add_warp, note, read_input, stages
 from deformnb.devices import add_device
 from deformnb.errors import Cancelled, DeformError, UnknownKindError
+
+if TYPE_CHECKING:
+    from deformnb.app.start import StartServer
 
 EXIT_ERROR = 2
 EXIT_INTERRUPTED = 130
@@ -244,33 +247,52 @@ def _demo(options: argparse.Namespace) -> None:
 
 
 def _app(options: argparse.Namespace) -> None:
-    from deformnb.app.application import check_app, open_app, synthetic_carp
+    from deformnb.app.start import check_app, starting
+
+    host = check_app(options.host, options.port, options.side, options.idle)
+    subject = str(Path(options.file).resolve()) if options.file else ""
+    name = Path(options.file).name if options.file else "carp"
+    with starting(
+        name,
+        host=host,
+        port=options.port,
+        browser=not options.no_browser,
+        idle=options.idle,
+        subject=subject,
+        language=options.language,
+    ) as start:
+        _load_app(options, start)
+
+
+def _load_app(options: argparse.Namespace, start: StartServer) -> None:
+    """Read the volume of an application and serve it; the page of the start shows how far that is."""
+    from deformnb.app.start import stage_of
+
+    start.progress("Loading the packages …")
+    from deformnb.app.application import serve_app, synthetic_carp
     from deformnb.session.inputs import as_deformation, subject_from
     from deformnb.volume.channels import Channels
 
-    check_app(options.host, options.port, options.side, options.idle)
     deformation = as_deformation(options.session)
     with stages() as stage:
-        volume = (
-            subject_from(
+        if options.file:
+            work = f"Reading {start.facts['name']}"
+            volume = subject_from(
                 options.file,
                 spacing=options.spacing,
                 is_labels=options.labels or None,
                 level=options.level,
-                progress=stage(f"read {Path(options.file).name}"),
+                progress=stage_of(start, work, stage(f"read {start.facts['name']}")),
             )
-            if options.file
-            else synthetic_carp(stage("make the carp"))
-        )
+        else:
+            volume = synthetic_carp(stage_of(start, "Making the carp", stage("make the carp")))
     note(*(() if isinstance(volume, Channels) else volume.notes))
-    open_app(
+    serve_app(
         volume,
         deformation,
+        start,
         side=options.side,
         viewer=options.viewer,
-        host=options.host,
-        port=options.port,
-        browser=not options.no_browser,
         idle=options.idle,
         language=options.language,
     )

@@ -22,6 +22,7 @@ from deformnb.document.json_format import LONGEST_DOCUMENT, from_json, to_json
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write, is_abandoned, sweep
 from deformnb.io.files.errors import printable
+from deformnb.io.files.folders import state_home
 from deformnb.volume.volume import Grid, VolumeLike
 
 AUTOSAVE_FORMAT = "deformnb-autosave"
@@ -49,9 +50,7 @@ skipped_here: set[Path] = set()
 
 def state_folder() -> Path:
     """Folder of the sessions: below ``DEFORMNB_STATE`` if that is set, else in the user's own state folder."""
-    import platformdirs
-
-    return Path(os.environ.get("DEFORMNB_STATE") or platformdirs.user_state_dir("deformnb")).expanduser() / "sessions"
+    return state_home() / "sessions"
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,9 @@ import pytest
 from running_app import RunningApp, await_message, connect, edit_message
 from waiting import PATIENCE, wait_for
 
-from deformnb.app.application import Application, announce, check_app, synthetic_carp
+from deformnb.app.application import Application, synthetic_carp
 from deformnb.app.bridge import SETTABLE
+from deformnb.app.start import announce, check_app
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError

@@ -78,8 +78,11 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     assert page.locator(".dnb-restore-button").filter(visible=True).count() == 0
     # Nothing is displaced by ipywidgets' marks of broken links, and picture and volume are as alive as before.
     page.wait_for_function("document.querySelectorAll('.dnb-studio .jupyter-widgets-disconnected').length > 20")
-    assert page.evaluate("""() => [...document.querySelectorAll('.jupyter-widgets-disconnected')]
-        .filter((element) => getComputedStyle(element, '::before').content !== 'none').length""") == 0
+    assert (
+        page.evaluate("""() => [...document.querySelectorAll('.jupyter-widgets-disconnected')]
+        .filter((element) => getComputedStyle(element, '::before').content !== 'none').length""")
+        == 0
+    )
     assert page.locator(".dnb-ed-stage").bounding_box()["height"] > 100
 
     # JupyterLab tells of the kernel's end too, sooner or later.

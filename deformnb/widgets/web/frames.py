@@ -19,7 +19,8 @@ from deformnb.errors import DeformError
 from deformnb.widgets.camera import checked_camera
 from deformnb.widgets.messages.views import FrameSent
 from deformnb.widgets.vtk.render_loop import Frame
-from deformnb.widgets.web.guard import Answer, checked_origin
+from deformnb.widgets.web.addresses import checked_origin
+from deformnb.widgets.web.guard import Answer
 from deformnb.widgets.web.remote_area import AREA, MouseCamera, Pictures, for_area
 from deformnb.widgets.web.server import PageServer
 

@@ -10,10 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-import ipaddress
 import logging
-import re
-import secrets
 import time
 from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -24,6 +21,7 @@ from aiohttp.http import HttpProcessingError
 from wslink.websocket import LinkProtocol
 
 from deformnb.errors import DeformError
+from deformnb.widgets.web.addresses import headers_for, is_password
 
 LONGEST_REQUEST = 2**19
 """Bytes of a message to a widget at most: an edit with 2000 points."""
@@ -46,7 +44,6 @@ REQUEST_SECONDS = 15.0
 FAREWELL_SECONDS = 0.5
 """That a page has to answer the end of its connection, and other requests to be finished."""
 
-_ORIGIN = re.compile(r"https?://(?:[A-Za-z0-9.-]{1,253}|\[[0-9a-fA-F:.]{2,45}\])(?::[0-9]{1,5})?")
 _HEADER = 12  # bytes that wslink puts before a message
 _PER_SECOND = 240.0  # messages of one page that are read; a drag makes 60, a camera 60 more
 _AT_ONCE = 480.0
@@ -55,81 +52,6 @@ _LOG = logging.getLogger(__name__)
 
 Answer = Callable[..., Any]
 """A procedure that the page may call; the arguments are the page's, so it must check them."""
-
-
-def checked_host(host: str) -> str:
-    """The address to listen at: this machine only, or one address that is named in full.
-
-    Raises
-    ------
-    DeformError
-        If it means all addresses, or is no address: the names under which pages may be requested follow from it.
-
-    Examples
-    --------
-    >>> checked_host("localhost")
-    '127.0.0.1'
-    """
-    if host == "localhost":
-        return "127.0.0.1"
-    try:
-        address = ipaddress.ip_address(host)
-    except ValueError:
-        raise DeformError(f"{host!r} is no address; name one of this machine, such as 127.0.0.1.") from None
-    if address.is_unspecified or address.is_multicast:
-        raise DeformError(f"{host} means every address of this machine; name the one that others are to use.")
-    return str(address)
-
-
-def is_loopback(host: str) -> bool:
-    """Check whether only this machine reaches an address."""
-    return ipaddress.ip_address(host).is_loopback
-
-
-def own_names(host: str, port: int) -> frozenset[str]:
-    """Allowed values of the header Host: a foreign site whose name was resolved to our address sends its own."""
-    names = {f"[{host}]" if ":" in host else host}
-    if is_loopback(host):
-        names.add("localhost")
-    return frozenset(f"{name}:{port}" for name in names)
-
-
-def headers_for(name: str, framed_by: str = "'none'") -> dict[str, str]:
-    """Headers of every answer: the page loads from and connects to this server only, and no other page may frame it."""
-    # The client of trame compiles its templates in the page, which needs unsafe-eval.
-    policy = {
-        "default-src": "'self'",
-        "script-src": "'self' 'unsafe-eval' blob:",
-        "style-src": "'self' 'unsafe-inline'",
-        "img-src": "'self' blob: data:",
-        "font-src": "'self' data:",
-        "connect-src": f"'self' ws://{name}",
-        "object-src": "'none'",
-        "base-uri": "'self'",
-        "form-action": "'none'",
-        "frame-ancestors": framed_by,
-    }
-    return {
-        "Content-Security-Policy": "; ".join(f"{what} {where}" for what, where in policy.items()),
-        "Cross-Origin-Resource-Policy": "same-origin",
-        "Cross-Origin-Opener-Policy": "same-origin",
-        "Referrer-Policy": "no-referrer",
-        "X-Content-Type-Options": "nosniff",
-        "Cache-Control": "no-store",
-    }
-
-
-def checked_origin(origin: Any) -> str:
-    """Check the origin of a page, as a browser sends it; DeformError for anything else: it becomes part of a header.
-
-    Examples
-    --------
-    >>> checked_origin("http://localhost:8888")
-    'http://localhost:8888'
-    """
-    if not isinstance(origin, str) or not _ORIGIN.fullmatch(origin):
-        raise DeformError("a page's origin is http:// or https:// with a name and at most a port.")
-    return origin
 
 
 def access_check(names: Callable[[], frozenset[str]], handlers: Sequence[Any], framed_by: str = "'none'") -> Any:
@@ -271,16 +193,26 @@ async def part_from(sockets: Iterable[Any]) -> None:
 
 
 class PasswordCheck(LinkProtocol):  # type: ignore[misc]  # wslink has no types
-    """Authentication of clients by the password of this start; also records when each connected."""
+    """Authentication of clients by the password of this start; also records when each connected.
 
-    def __init__(self, token: str) -> None:
+    Parameters
+    ----------
+    token : the password.
+    earlier : digests of passwords of earlier starts, whose pages are still open.
+    """
+
+    def __init__(self, token: str, earlier: Sequence[str] = ()) -> None:
         super().__init__()
-        self._token = token.encode()
+        self._token, self._earlier = token, tuple(earlier)
         self._since: dict[str, float] = {}
 
     async def validateToken(self, token: Any, client_id: str) -> bool:  # noqa: N802  (wslink's name)
         """Called by wslink with the password that a client sent."""
-        return isinstance(token, str) and secrets.compare_digest(token.encode(), self._token)
+        return self.accepts(token)
+
+    def accepts(self, token: Any) -> bool:
+        """Check a password."""
+        return is_password(token, self._token, self._earlier)
 
     def onConnect(self, request: Any, client_id: str) -> None:  # noqa: N802
         """Called by wslink for a new client."""
@@ -423,14 +355,15 @@ class SiteGuard:
     ----------
     token : the password of this start.
     framed_by : the one origin whose pages may show ours in a frame, as of :func:`access_check`.
+    earlier : digests of passwords that are accepted too, as of :class:`PasswordCheck`.
 
     Attributes
     ----------
     handlers : wslink's handlers of sockets, once the server is bound.
     """
 
-    def __init__(self, token: str, framed_by: str) -> None:
-        self.password_check = PasswordCheck(token)
+    def __init__(self, token: str, framed_by: str, earlier: Sequence[str] = ()) -> None:
+        self.password_check = PasswordCheck(token, earlier)
         self.handlers: list[Any] = []
         self._framed_by, self._slow_requests = framed_by, SlowRequests()
         self._guards: list[MessageGuard] = []

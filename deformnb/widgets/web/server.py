@@ -11,7 +11,7 @@ import secrets
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Protocol
@@ -20,13 +20,8 @@ from aiohttp import web
 
 from deformnb.errors import DeformError
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.web.guard import (
-    LONGEST_REQUEST,
-    Answer,
-    RefusedByServer,
-    SiteGuard,
-    own_names,
-)
+from deformnb.widgets.web.addresses import SECRET_HEADER, own_names
+from deformnb.widgets.web.guard import LONGEST_REQUEST, Answer, RefusedByServer, SiteGuard
 from deformnb.widgets.web.remote_area import AREA
 
 _LIFE = ("client_connected", "client_mounted", "client_unmounted", "client_exited")
@@ -63,6 +58,9 @@ class PageServer:
     host, port : where to listen; port 0 takes a free one.
     framed_by : the one origin whose pages may show ours in a frame; else nobody's may.
     idle : seconds without a page after which the server ends; 0 never does.
+    token : the password, which the page of the start has; default is a new one.
+    earlier : digests of passwords of earlier starts, whose pages are let in again.
+    facts : what a page that is loading shows: "name" and "still", the URL of a picture.
 
     Attributes
     ----------
@@ -82,14 +80,18 @@ class PageServer:
         host: str = "127.0.0.1",
         port: int = 0,
         framed_by: str = "'none'",
+        token: str = "",
+        earlier: Sequence[str] = (),
+        facts: Mapping[str, Any] | None = None,
     ) -> None:
         from trame.app import get_server
 
         self.host, self.idle = host, idle or math.inf
         self.url, self.reason = "", ""
-        self.token = secrets.token_urlsafe(32)
+        self.token = token or secrets.token_urlsafe(32)
         self.root: Any = None
-        self.guard = SiteGuard(self.token, framed_by)
+        self.guard = SiteGuard(self.token, framed_by, earlier)
+        self._facts = dict(facts or {})
         self._wanted_port = port
         self._parent = None if _outlives_its_terminal() else os.getppid()
         self._end = asyncio.Event()
@@ -219,6 +221,13 @@ class PageServer:
         own = {f"/deformnb/{name}": (bundle(name), _KINDS[Path(name).suffix]) for name in self.content.bundles()}
         pages = {**_assets(), **own}
         served.app.router.add_routes([web.get(path, _serve(*page)) for path, page in pages.items()])
+        served.app.router.add_get("/deformnb/start", self._start_facts)
+
+    async def _start_facts(self, request: web.Request) -> web.Response:
+        """The state of the start, which is over, for a page that is loading or has outlived another server."""
+        if not self.guard.password_check.accepts(request.headers.get(SECRET_HEADER)):
+            return web.Response(status=403, text="refused: another password\n")
+        return web.json_response({**self._facts, "state": "ready"})
 
     def _answers(self, offered: Mapping[str, tuple[Any, Any]]) -> dict[str, Answer]:
         """Remote procedures of a client: trame's state, and those of the content."""

@@ -3,6 +3,8 @@
 // trame's client takes it from the address and removes it there, so a page that is loaded again would have none. It is
 // stored for this tab. Nothing in the address may name another server to talk to.
 
+import { NO_SESSION, StartScreen, storedFacts } from "./start_screen.ts";
+
 (() => {
   const KEY = "deformnb-secret",
     address = new URL(window.location.href),
@@ -18,16 +20,18 @@
   // A client that is refused writes a bare line into the page.
   document.addEventListener("DOMContentLoaded", () => {
     const app = document.getElementById("app");
-    const text =
-      'There is no session for this page. Start "deformnb app" and open the address that it prints: ' +
-      "its password is another one at each start.";
     if (!app) return;
+    if (!window.deformnb_start) {
+      window.deformnb_start = new StartScreen(); // the page of the start has one already
+      window.deformnb_start.show({ state: "ready", text: "Opening the studio \u2026", ...storedFacts() });
+    }
     new MutationObserver(() => {
       if (app.childElementCount || !app.textContent) return;
       const note = document.createElement("p");
-      note.textContent = text;
+      note.textContent = NO_SESSION;
       note.style.cssText = "max-width: 34em; margin: 20vh auto; padding: 0 1em; font: 17px/1.5 system-ui, sans-serif";
       app.replaceChildren(note);
+      window.deformnb_start?.close();
     }).observe(app, { childList: true });
   });
 })();

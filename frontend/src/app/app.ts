@@ -1,84 +1,49 @@
 // The application's client: the studio over the whole window, in light or dark.
 //
-// trame's client brings Vue and the socket. <deformnb-studio> is a Vue component that shows the studio's widgets by a
-// widget manager.
+// trame's client brings Vue and the socket. Its component <deformnb-studio> stands for a connection, <deformnb-lost> for a
+// broken one; the studio's widgets are shown by a widget manager beside Vue's part of the page.
 
-import { Widget } from "@lumino/widgets";
 import { buttonElement, named } from "../ui/dom.ts";
+import { AppPage } from "./app_page.ts";
 import type { Component } from "./types.ts";
-import { WidgetManager } from "./widget_manager.ts";
 
 const TEXT = "input:not([type=range], [type=checkbox], [readonly]), textarea, [contenteditable]";
 
-export interface Studio {
-  $refs: { place: HTMLElement };
-  manager: WidgetManager | null;
-  shown: Widget | null;
-  show: () => Promise<void>;
-  close: () => void;
-  keyed: (event: KeyboardEvent) => void;
-}
+/** The page, which outlives Vue's components: trame replaces those when the connection breaks. */
+const page = new AppPage();
 
-let isLeaving = false; // whether the page is being closed or loaded again, which ends requests that wait for Python
-window.addEventListener("pagehide", () => {
-  isLeaving = true;
-});
-window.addEventListener("pageshow", () => {
-  isLeaving = false;
-});
-
-const AppStudio: Component<Studio> = {
+const AppStudio: Component<object> = {
   props: {},
   inject: ["trame"],
-  template: '<div ref="place" class="dnb-app-studio"></div>',
-  methods: {
-    /**
-     * Shows the studio over the current session: after a broken connection another one, with all loaded again.
-     */
-    async show() {
-      const session = this.trame.client.getConnection().getSession();
-      if (this.manager?.session === session) return;
-      this.close();
-      const manager = new WidgetManager(session),
-        { place } = this.$refs;
-      this.manager = manager;
-      try {
-        const view = await manager.open();
-        if (this.manager !== manager) return;
-        this.shown = view.luminoWidget;
-        Widget.attach(view.luminoWidget, place);
-      } catch (error) {
-        if (this.manager !== manager || isLeaving) return; // the page or its connection was closed meanwhile
-        console.error(error);
-        place.textContent = `The studio could not be shown: ${(error as Error).message}`;
-      }
-    },
-    close() {
-      this.shown?.dispose();
-      this.manager?.close();
-      this.shown = this.manager = null;
-    },
-    /** Undo and redo in any focus, except where text is typed or another listener has handled the key. */
-    keyed(event: KeyboardEvent) {
-      const { target, key } = event,
-        isUndo = key.toLowerCase() === "z",
-        isRedo = key.toLowerCase() === "y";
-      if (event.defaultPrevented || event.altKey || !(event.ctrlKey || event.metaKey) || !(isUndo || isRedo)) return;
-      if (target instanceof Element && target.closest(TEXT)) return;
-      event.preventDefault();
-      const button = document.querySelector(isRedo || event.shiftKey ? ".dnb-head-redo" : ".dnb-head-undo");
-      if (button instanceof HTMLElement) button.click();
-    },
-  },
+  template: "<span hidden></span>",
+  methods: {},
   async mounted() {
-    document.addEventListener("keydown", this.keyed);
-    await this.show();
-  },
-  beforeUnmount() {
-    document.removeEventListener("keydown", this.keyed);
-    this.close();
+    await page.show(this.trame.client.getConnection().getSession());
   },
 };
+
+/** In the place of the studio while the connection is broken. */
+const AppLost: Component<object> = {
+  props: {},
+  inject: ["trame"],
+  template: "<span hidden></span>",
+  methods: {},
+  async mounted() {
+    await page.lose(this.trame);
+  },
+};
+
+/** Undo and redo in any focus, except where text is typed or another listener has handled the key. */
+document.addEventListener("keydown", (event) => {
+  const { target, key } = event,
+    isUndo = key.toLowerCase() === "z",
+    isRedo = key.toLowerCase() === "y";
+  if (event.defaultPrevented || event.altKey || !(event.ctrlKey || event.metaKey) || !(isUndo || isRedo)) return;
+  if (target instanceof Element && target.closest(TEXT)) return;
+  event.preventDefault();
+  const button = document.querySelector(isRedo || event.shiftKey ? ".dnb-head-redo" : ".dnb-head-undo");
+  if (button instanceof HTMLElement) button.click();
+});
 
 /** Sets light or dark by the attributes of Jupyter's pages. */
 function setTheme(isDark: boolean) {
@@ -95,6 +60,7 @@ function addThemeButton() {
 window.deformnb_app = {
   install(app) {
     app.component("deformnb-studio", AppStudio);
+    app.component("deformnb-lost", AppLost);
     setTheme(window.matchMedia("(prefers-color-scheme: dark)").matches);
     addThemeButton();
     const viewport = document.querySelector("meta[name=viewport]"); // trame's own does not allow zooming

@@ -10,6 +10,7 @@ export interface Session {
 /** Trame's client. */
 export interface Trame {
   client: { getConnection(): { getSession(): Session } };
+  connect(): Promise<unknown>;
 }
 
 /** A Vue component, with the instance that is `this` in its functions. */

@@ -9,7 +9,7 @@ import * as controls from "@jupyter-widgets/controls";
 import { defined } from "./amd.ts"; // before the next: anywidget's package is an AMD module
 import "anywidget";
 
-import type { Values } from "../types.ts";
+import type { Model, Values } from "../types.ts";
 import { showInLanguage } from "../ui/words.ts";
 import { APP_PAGE, callPython } from "./session.ts";
 import type { Session } from "./types.ts";
@@ -94,6 +94,8 @@ interface Opened {
 }
 
 export class WidgetManager extends ManagerBase {
+  /** Of this host, for widgets that name it. */
+  readonly isApplication = true;
   comms = new Map<string, SocketComm>();
   isClosed = false;
   opened: Promise<void>;
@@ -144,6 +146,21 @@ export class WidgetManager extends ManagerBase {
       };
       this.new_model({ ...model, model_id: id, comm }, withViews(state));
     }
+  }
+
+  /** The models of all widgets. */
+  models() {
+    return Promise.all([...this.comms.keys()].map((id) => this.get_model(id))) as unknown as Promise<Model[]>;
+  }
+
+  /** The id of a model; empty for none. */
+  idOf(model: Model | undefined) {
+    return String((model as { model_id?: string } | undefined)?.model_id ?? "");
+  }
+
+  /** Notify the widgets that their Python is away. */
+  async lose() {
+    for (const model of await this.models()) Object.assign(model, { comm_live: false });
   }
 
   async loadClass(className: string, moduleName: string) {

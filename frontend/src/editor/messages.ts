@@ -8,10 +8,11 @@ const NO_ANSWER: Record<string, string> = {
   busy: "The kernel is busy; the volume in Python follows later",
   unanswered: "No answer from Python yet; these points stay in the browser until it answers",
   detached: "This view was loaded too slowly and receives nothing from Python: run the cell again",
+  held: "Python is away: this page holds the edits, and sends them when it is back",
   lost: "The kernel was restarted or is gone: Python does not get these edits. Run the cell again",
 };
 
-const FINAL = new Set(["detached", "lost"]); // these messages stay as long as the page is open
+const FINAL = new Set(["detached", "held", "lost"]); // these messages stay as long as the page is open
 const LONGEST_TIMER = 2 ** 31 - 1; // milliseconds
 
 /** The elements of the messages, which the editor places. */

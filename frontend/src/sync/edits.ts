@@ -54,7 +54,7 @@ class EditChannel {
   seq = 0; // number of the last message
   /** Numbers of the messages in flight */
   readonly waiting: Record<"move" | "end", Set<number>> = { move: new Set(), end: new Set() };
-  status = ""; // "", "busy", "unanswered", "detached" or "lost"
+  status = ""; // "", "busy", "unanswered", "detached", "lost" or "held"
   isAnswered = false;
   isCut = false;
   #isGreeted = false;
@@ -103,7 +103,7 @@ class EditChannel {
       // the connection is closed
       console.warn("an edit could not be sent:", error);
       this.isCut = true;
-      this.#setStatus("lost");
+      this.#setStatus(this.#whenCut);
     }
   }
 
@@ -113,9 +113,14 @@ class EditChannel {
     if (move.size + end.size === 0) return;
     move.clear();
     end.clear();
-    this.#setStatus(this.isCut ? "lost" : this.isAnswered ? "busy" : "unanswered");
+    this.#setStatus(this.isCut ? this.#whenCut : this.isAnswered ? "busy" : "unanswered");
     if (this.status === "unanswered") this.#timer = this.clock.later(() => this.#reportDetached(), LOST_AFTER);
     this.events.next();
+  }
+
+  /** Of a dead connection; a page of the application holds its edits until Python is back. */
+  get #whenCut() {
+    return (this.model()?.widget_manager as { isApplication?: boolean } | undefined)?.isApplication ? "held" : "lost";
   }
 
   /** The kernel of a Jupyter front end, null where it is dead; undefined of other hosts. */
@@ -147,7 +152,7 @@ class EditChannel {
   #expectAnswer() {
     if (this.isAnswered) return;
     if (this.isCut || this.#kernel === null) {
-      this.#setStatus("lost");
+      this.#setStatus(this.#whenCut);
       return;
     }
     this.#greeting = this.clock.later(() => {
@@ -157,7 +162,7 @@ class EditChannel {
   }
 
   #setStatus(status: string) {
-    if (status === this.status && status !== "lost") return; // a loss is reported for each edit
+    if (status === this.status && status !== "lost" && status !== "held") return; // a loss is reported for each edit
     this.status = status;
     this.events.changed();
   }

@@ -21,13 +21,12 @@ from waiting import PATIENCE, wait_for
 from deformnb.app.application import Application
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
+from deformnb.widgets.web.addresses import checked_host, own_names
 from deformnb.widgets.web.guard import (
     LONGEST_OTHER,
     LONGEST_REQUEST,
     MOST_OPEN_PAGES,
     PasswordCheck,
-    checked_host,
-    own_names,
 )
 
 
