@@ -128,6 +128,10 @@ class Editing(traitlets.HasTraits):
         """A step as it begins on a plane, or in space."""
         return initial_step(plane, self.grid)
 
+    def _bare_step(self) -> Step:
+        """The edited step as it begins, with its name: that of an oblique view is no edit."""
+        return replace(self.initial_step(self.plane), name=self.step.name if self.step.plane is not None else "")
+
     @check_arguments
     def edit_step(self, index: int, key: int = 0) -> None:
         """Choose the step, and its set of points, that is edited."""
@@ -349,7 +353,7 @@ class Editing(traitlets.HasTraits):
     def reset(self) -> None:
         """The volume as it was, seen from the same side; key frames of an animation go too."""
         with self.lock:
-            bare = replace(self.deformation, steps=(self.initial_step(self.plane),), keyframes=())
+            bare = replace(self.deformation, steps=(self._bare_step(),), keyframes=())
             self.edit_document(bare, "reset", 0, key=0)
 
     # -- undo and redo -------------------------------------------------------------------------------------------------

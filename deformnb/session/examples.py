@@ -168,7 +168,8 @@ def apply_example(session: Session, name: str) -> None:
             "the examples are for a picture, and this step has its points in space: choose another step, or add one."
         )
     example = EXAMPLES[name]
-    step = example.make(initial_step(plane, session.editing.grid), session.pictures.picture())
+    begun = replace(initial_step(plane, session.editing.grid), name=session.editing.step.name)
+    step = example.make(begun, session.pictures.picture())
     session.editing.edit_document(
         session.editing.deformation.with_step(session.editing.index, step), f"example: {example.title.lower()}"
     )

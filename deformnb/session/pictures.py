@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ import traitlets
 
 from deformnb._typing import Progress
 from deformnb.checks import check_choice, check_window
-from deformnb.document.deformation import Deformation
+from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import OF_CHANNELS, PROJECTIONS, project, project_channels
 from deformnb.rbf.fields import AbstractField
@@ -73,6 +73,22 @@ class _Styled(NamedTuple):
     colour_map: str
 
 
+@dataclass(frozen=True)
+class _Made:
+    """The last of each thing that was made for the pictures."""
+
+    base: Latest[Deformation, Volume] = field(default_factory=Latest)
+    base_channels: Latest[Deformation, Channels] = field(default_factory=Latest)
+    picture: Latest[_Drawn, Picture] = field(default_factory=Latest)
+    deformed: Latest[_Drawn, Picture] = field(default_factory=Latest)
+    styled: Latest[_Styled, Picture] = field(default_factory=Latest)
+    transfer: Latest[str | TransferFunction, TransferFunction] = field(default_factory=Latest)
+
+
+def _drags(step: Step) -> bool:
+    return any(bool(points.displacement[points.active].any()) for points in step.maps)
+
+
 class Pictures(traitlets.HasTraits):
     """The picture on which a document is edited, and its view state.
 
@@ -113,11 +129,7 @@ class Pictures(traitlets.HasTraits):
 
     def __init__(self, volume: Volume, channels: Channels | None, editing: Editing, **view_state: Any) -> None:
         self._volume, self._channels, self._editing = volume, channels, editing
-        self._base: Latest[Deformation, Volume] = Latest()
-        self._base_channels: Latest[Deformation, Channels] = Latest()
-        self._picture: Latest[_Drawn, Picture] = Latest()
-        self._styled: Latest[_Styled, Picture] = Latest()
-        self._transfer: Latest[str | TransferFunction, TransferFunction] = Latest()
+        self._made = _Made()
         if channels is not None:
             view_state.setdefault("channel_displays", channels.displays())
         super().__init__(**view_state)
@@ -132,14 +144,14 @@ class Pictures(traitlets.HasTraits):
         if not earlier.steps:
             return self._volume
         grid = self._editing.grid
-        return self._base.of(lambda: earlier, lambda steps: warp_all([self._volume], steps.field(grid))[0])
+        return self._made.base.of(lambda: earlier, lambda steps: warp_all([self._volume], steps.field(grid))[0])
 
     def _base_channels_of(self, earlier: Deformation) -> Channels:
         channels, grid = self._channels, self._editing.grid
         assert channels is not None
         if not earlier.steps:
             return channels
-        return self._base_channels.of(
+        return self._made.base_channels.of(
             lambda: earlier, lambda steps: channels.with_volumes(warp_all(channels.volumes, steps.field(grid)))
         )
 
@@ -159,7 +171,7 @@ class Pictures(traitlets.HasTraits):
         style = _Styled(picture, self.window or picture.window, self.colour_map)
         if (picture.window, picture.colour_map) == style[1:]:
             return picture
-        return self._styled.of(
+        return self._made.styled.of(
             lambda: style, lambda _: replace(picture, window=style.window, colour_map=style.colour_map)
         )
 
@@ -171,7 +183,45 @@ class Pictures(traitlets.HasTraits):
                 return wanted.settings.picture_of_channels(self._base_channels_of(wanted.earlier), progress)
             return wanted.settings.picture(self._base_of(wanted.earlier), progress)
 
-        return self._picture.of(lambda: _Drawn(self._editing.state.earlier, self.settings), draw)
+        return self._made.picture.of(lambda: _Drawn(self._editing.state.earlier, self.settings), draw)
+
+    @property
+    def changes_with_depth(self) -> bool:
+        """True if the picture of the deformed volume is not the picture, deformed: the edited step depends on depth."""
+        step = self._editing.step
+        return (
+            step.plane is not None
+            and step.enabled
+            and step.extrusion != "replicate"
+            and (bool(step.cut_regions) or any(part.motion is not None for part in step.parts) or _drags(step))
+        )
+
+    def deformed_picture(self, progress: Progress | None = None) -> Picture | None:
+        """The picture of the volume after the edited step, in the window of :meth:`picture`; cached.
+
+        None where the map is the same at every depth: then it is the picture itself, deformed by the map of the plane.
+        """
+        edited = self._editing.state
+        if not self.changes_with_depth:
+            return None
+        now = replace(
+            edited.deformation,
+            steps=(*edited.earlier.steps, edited.step),
+            keyframes=(),
+        )
+
+        def draw(wanted: _Drawn) -> Picture:
+            box = wanted.earlier.output
+            output = None if box is None else self._volume.to_own_resolution(box)
+            displacement = wanted.earlier.field(self._editing.grid)
+            if wanted.settings.displays and self._channels is not None:
+                channels = self._channels.with_volumes(warp_all(self._channels.volumes, displacement, output=output))
+                return wanted.settings.picture_of_channels(channels, progress)
+            return wanted.settings.picture(warp_all([self._volume], displacement, output=output)[0], progress)
+
+        found = self._made.deformed.of(lambda: _Drawn(now, self.settings), draw)
+        own = self.picture(progress)
+        return found if found.values.ndim == 3 else replace(found, window=own.window, colour_map=own.colour_map)
 
     @property
     def settings(self) -> PictureSettings:
@@ -232,7 +282,7 @@ class Pictures(traitlets.HasTraits):
     @property
     def transfer_function(self) -> TransferFunction:
         """Colours and opacities, a preset fitted to the volume."""
-        return self._transfer.of(
+        return self._made.transfer.of(
             lambda: self.transfer, lambda chosen: preset(chosen, self._volume) if isinstance(chosen, str) else chosen
         )
 

@@ -143,12 +143,24 @@ def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list
     return pieces
 
 
-def preview_png(picture: Picture, points: ControlPoints, fit: Callable[[], AbstractField], cells: int) -> bytes:
-    """The deformed picture with its grid and points; nothing is fitted, and no JAX imported, before a drag."""
+def preview_png(
+    picture: Picture,
+    points: ControlPoints,
+    fit: Callable[[], AbstractField],
+    cells: int,
+    deformed: Picture | None = None,
+) -> bytes:
+    """The deformed picture with its grid and points; nothing is fitted, and no JAX imported, before a drag.
+
+    Parameters
+    ----------
+    deformed : that picture, where it is not the one that the fit makes.
+    """
     lines = grid_lines(picture.raster, cells) if cells else []
     if points.displacement.any():
         field = fit()
-        picture = replace(picture, values=warp_picture(picture.values, picture.raster, field))
+        warped = replace(picture, values=warp_picture(picture.values, picture.raster, field))
+        picture = deformed or warped
         lines = deformed_lines(lines, field) if lines else []
     return as_png(draw_preview(picture, lines, points, _PREVIEW_SIZE))
 
@@ -218,6 +230,8 @@ class Editor(EditedPoints):
     ``wand`` is {} or the selection of the wand of the front end, see :meth:`on_wand`.
     ``front_only`` is None, or whether the deformation ends in the front part of the depth, which the front end then
     offers for a chosen cut; its observer changes the depth.
+    ``deformed_picture`` is None, or the picture of the volume that the points have deformed where that is not the
+    picture warped by their map; the front end shows it while its points and shapes are those of the editor.
     ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours.
     ``uncertainty`` is one byte for each cell of a raster over the picture, rows first, 255 where the map is known
     least; ``uncertainty_facts`` is ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour
@@ -273,6 +287,8 @@ class Editor(EditedPoints):
     window = traitlets.List(traitlets.Float(), help="values shown as black and white, set manually").tag(sync=True)
     colour_map = traitlets.Enum(list(COLOUR_MAPS), COLOUR_MAPS[0])
     colours = traitlets.Bytes(b"", help="256 colours of the map, red, green, blue; empty for grey").tag(sync=True)
+    deformed_image = traitlets.Bytes(b"", help="the picture of the deformed volume as PNG").tag(sync=True)
+    deformed = traitlets.Dict(help="raster of that picture, and the points, cuts and parts it is of").tag(sync=True)
     shows = traitlets.Enum(list(PICTURE_SHOWS), PICTURE_SHOWS[0]).tag(sync=True)
     slices = traitlets.Dict(help="number, first depth and spacing of the slices").tag(sync=True)
     wand = traitlets.Dict(help="selection of the wand; {} where no callback answers it").tag(sync=True)
@@ -289,6 +305,7 @@ class Editor(EditedPoints):
         given = ControlPoints.empty() if points is None else points
         self._previous: AbstractField | None = None
         self._picture = picture
+        self._deformed: Picture | None = None
         self._shapes_callbacks: list[ShapesCallback] = []
         self._wand_callbacks: list[Callable[[WandRequest], None]] = []
         super().__init__(points=given, **{**_picture_traits(picture, raster, given), **settings})
@@ -312,6 +329,22 @@ class Editor(EditedPoints):
         with self.hold_sync():  # both in one message: picture and raster must match
             for name, value in traits.items():
                 setattr(self, name, value)
+
+    @property
+    def deformed_picture(self) -> Picture | None:
+        """Picture of the deformed volume, in place of the warped one; setting it states that it is of these points."""
+        return self._deformed
+
+    @deformed_picture.setter
+    def deformed_picture(self, picture: Picture | None) -> None:
+        if picture is None and self._deformed is None:
+            return
+        self._deformed = picture
+        image, facts = (b"", {}) if picture is None else picture_png(picture)
+        made_of = self.get_state(["points", "cuts", "parts"])
+        with self.hold_sync():  # both in one message
+            self.deformed_image = image
+            self.deformed = {} if picture is None else {"raster": raster_json(picture.raster, facts), **made_of}
 
     def fit(self) -> AbstractField:
         """The fit of the points in Python: the displacement that the front end shows.
@@ -354,7 +387,9 @@ class Editor(EditedPoints):
     def preview_png(self) -> bytes:
         """The deformed picture with its grid and points as a PNG: the still where no front end runs."""
         picture = self.picture or sheet(self.points)
-        return preview_png(picture, self.points, self.fit, self.density if self.show_grid else 0)
+        return preview_png(
+            picture, self.points, self.fit, self.density if self.show_grid else 0, deformed=self._deformed
+        )
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
 

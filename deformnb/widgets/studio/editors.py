@@ -19,6 +19,7 @@ import numpy as np
 from deformnb._weak import weakly
 from deformnb.document.deformation import Step
 from deformnb.document.json_regions import region_to_data
+from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.regions import Mask
@@ -315,6 +316,24 @@ class StudioPicture:
             self._settle("")
         return False
 
+    def request_deformed(self) -> None:
+        """Make the picture of the deformed volume, where it is not the picture deformed in its plane."""
+        editor = self._editors.plane
+        if not self._session.pictures.changes_with_depth:
+            editor.deformed_picture = None
+        self._worker.latest("deformed picture", weakly(self, StudioPicture._show_deformed, StudioPicture._is_open))
+
+    def _show_deformed(self) -> None:
+        session, editor = self._session, self._editors.plane
+        before = session.editing.state, session.pictures.settings
+        try:
+            made = session.pictures.deformed_picture()
+        except DeformError:  # of a map that cannot be computed: the edit reports it
+            made = None
+        is_newest = before == (session.editing.state, session.pictures.settings)
+        if is_newest and self.is_visible and editor.points == session.editing.points:
+            editor.deformed_picture = made
+
     def request(self) -> None:
         """Make the requested picture and show it; until then the editor takes no gesture."""
         self._editors.set_traits(waiting=_MAKING)
@@ -363,8 +382,10 @@ class StudioPicture:
         if self._shown[2] != needed[2]:
             self.turn()
         self._link.show(self._editors.current)
+        self._editors.plane.deformed_picture = None  # that of another picture
         self._editors.show_picture(made)
         self._shown = needed
+        self.request_deformed()
         self.milliseconds = (time.perf_counter() - start) * 1e3
 
 

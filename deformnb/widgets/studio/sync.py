@@ -187,6 +187,7 @@ class StudioSync:
         if not self._picture.renew():
             self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
             self._editors.show_step()
+            self._picture.request_deformed()
         self._slices.follow()
         self._refresh_panels()
         self.request_status()
@@ -198,6 +199,7 @@ class StudioSync:
 
     def _window_changed(self, _change: Any) -> None:
         self._editors.show_view_state()
+        self._picture.request_deformed()
         self._slices.follow()
         self._refresh_panels()
 

@@ -146,6 +146,7 @@ export class EditorView extends EditorDrawing {
     frames.guard(() => this.showWaiting());
     frames.guard(() => this.layout());
     this.loadPicture();
+    parts.picture.loadDeformed();
   }
 
   #followModel() {
@@ -161,6 +162,7 @@ export class EditorView extends EditorDrawing {
     });
     on("change:chosen_shape", () => tools.shapes.choice.receive());
     for (const name of ["image", "raster"]) on(`change:${name}`, () => this.loadPicture());
+    for (const name of ["deformed", "deformed_image"]) on(`change:${name}`, () => picture.loadDeformed());
     for (const name of ["beyond", "subject", "height", "label"]) on(`change:${name}`, () => this.layout());
     on("change:theme", () => this.theme.apply());
     on("change:waiting", () => this.showWaiting());
@@ -330,7 +332,7 @@ export class EditorView extends EditorDrawing {
   }
 
   draw() {
-    const { bus, frames, layers, map, panels, picture, theme, tools, viewport } = this.parts,
+    const { bus, frames, layers, map, panels, picture, points, theme, tools, viewport } = this.parts,
       { view } = viewport;
     frames.restSoon(() => {
       layers.grid.last = null;
@@ -340,7 +342,8 @@ export class EditorView extends EditorDrawing {
     if (map.isDirty) this.#refit();
     const fit = picture.isOriginal ? null : map.layered,
       { original, painter, sheet } = picture;
-    painter.paint(view, fit, { isMoving, paper: theme.colours.stage, sheet, original });
+    const deformed = fit ? picture.deformedBy(points.list, points.shapes) : null;
+    painter.paint(view, fit, { isMoving, paper: theme.colours.stage, sheet, original, deformed });
     painter.drawFrame(view, sheet);
     const known = fit ? (painter.sampled ?? fit) : null; // at the nodes of the picture while something moves
     const { latest } = bus;

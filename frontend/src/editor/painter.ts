@@ -308,7 +308,15 @@ export class Painter {
       paper,
       sheet = this.source?.box,
       original = NO_ORIGINAL,
-    }: { isMoving: boolean; paper: string; sheet?: Vector4; original?: Original },
+      deformed = null,
+    }: {
+      isMoving: boolean;
+      paper: string;
+      sheet?: Vector4;
+      original?: Original;
+      /** In place of the picture under the fit */
+      deformed?: PictureSource | null;
+    },
   ) {
     const start = performance.now(),
       { context: c, canvas, source } = this;
@@ -328,7 +336,7 @@ export class Painter {
     const step = isMoving && pixels * this.cost > BUDGET_MS ? (pixels * this.cost > 4 * BUDGET_MS ? 3 : 2) : 1;
     // While something moves, grid and folds are found on the nodes of the whole picture, also below the original.
     const rest = isMoving ? whole : { ...whole, x: whole.x + cut, width: whole.width - cut };
-    if (rest.width > 0) this.#paintPart(source, view, fit, rest, step, isMoving, 1);
+    if (rest.width > 0) this.#paintPart(deformed ?? source, view, deformed ? null : fit, rest, step, isMoving, 1);
     if (cut > 0) this.#paintPart(source, view, null, { ...whole, width: cut }, step, isMoving, 1);
     if (isFaded) this.#paintPart(source, view, null, whole, step, isMoving, original.opacity);
     if (isMoving) this.cost += 0.2 * (((performance.now() - start) * step * step) / pixels - this.cost);

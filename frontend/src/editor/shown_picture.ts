@@ -1,12 +1,18 @@
 // The picture that the editor shows: its pixels and colours, its boxes, and the visible part of the original.
 
 import { mapVector } from "../maths/camera.ts";
-import type { Vector4 } from "../types.ts";
+import { pointsKey } from "../maths/points.ts";
+import type { PicturePoint, Shapes, Vector2, Vector4 } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
-import type { Original } from "./painter.ts";
+import type { Original, PictureSource } from "./painter.ts";
 import { bytesOf, colourTable, decodePicture, Painter } from "./painter.ts";
 import type { EditorParts } from "./parts.ts";
 import { Slices } from "./slices.ts";
+
+/** The points and shapes that a picture of a deformed volume is of. */
+function stateKey(points: PicturePoint[], { cuts, parts }: Partial<Shapes>) {
+  return pointsKey(points ?? []) + JSON.stringify([cuts ?? [], parts ?? []]);
+}
 
 /** Dependencies of the picture on the editor. */
 export type PictureEditor = EditorParts<"model" | "frames" | "messages" | "stage">;
@@ -16,11 +22,15 @@ export class ShownPicture {
   compare: CompareControls;
   slices: Slices;
 
+  #deformed: { source: PictureSource; key: string } | null = null; // the picture of the deformed volume
+
   isComparing = false; // whether the picture is shown as it was
 
   isBefore = false; // whether this view shows the original next to another one
 
   #requests = 0; // of pictures
+
+  #deformedRequests = 0;
 
   constructor(readonly editor: PictureEditor) {
     this.painter = new Painter(editor.stage.canvas);
@@ -50,6 +60,30 @@ export class ShownPicture {
       if (this.#requests === number) messages.show(`The picture could not be shown: ${reason}`);
     }
     loaded();
+  }
+
+  /** Decode the picture of the deformed volume, where it is not this picture warped in its plane. */
+  async loadDeformed() {
+    this.#deformedRequests += 1;
+    const { model, frames } = this.editor,
+      number = this.#deformedRequests,
+      bytes = model.get("deformed_image"),
+      { raster, points, cuts, parts } = model.get("deformed") ?? {};
+    const source = bytes?.byteLength && raster ? await decodePicture(bytes, raster) : null;
+    if (this.#deformedRequests !== number) return;
+    if (source && model.get("window")?.length) source.setWindow(model.get("window"));
+    this.#deformed = source && { source, key: stateKey(points, { cuts, parts }) };
+    frames.invalidate();
+  }
+
+  /** The picture of the volume deformed by these points and shapes; null where the warped picture is right or newer. */
+  deformedBy(points: PicturePoint[], shapes: Partial<Shapes>) {
+    return this.#deformed && this.#deformed.key === stateKey(points, shapes) ? this.#deformed.source : null;
+  }
+
+  /** Show grey values from black to white of a window. */
+  setWindow(window: Vector2) {
+    for (const source of [this.painter.source, this.#deformed?.source]) source?.setWindow(window);
   }
 
   /** Show grey values in the colours of the trait. */

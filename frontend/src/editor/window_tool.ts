@@ -105,7 +105,7 @@ export class WindowTool {
 
   /** Show the picture in the window of the trait. */
   apply() {
-    if (this.window) this.editor.picture.painter.source?.setWindow(this.window);
+    if (this.window) this.editor.picture.setWindow(this.window);
     this.editor.frames.markMoving();
   }
 

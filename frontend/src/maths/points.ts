@@ -7,6 +7,20 @@ export function samePoints(p: unknown, q: unknown) {
   return p === q || JSON.stringify(p) === JSON.stringify(q);
 }
 
+/** Equal for points that give the same fit. */
+export function pointsKey(points: Point[]) {
+  return JSON.stringify(
+    points.map(({ id, source, target, active, weight, radius }) => [
+      id,
+      source,
+      target,
+      active !== false,
+      weight ?? 1,
+      radius ?? null,
+    ]),
+  );
+}
+
 /** Any list of point-like objects as full points; other objects are left out. */
 export function cleanPoints<V extends Vector>(list: unknown): Point<V>[] {
   const good = (place: unknown) =>

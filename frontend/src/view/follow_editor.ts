@@ -4,6 +4,7 @@
 import type { FieldMaps } from "../generated.ts";
 import { CUT_MARGIN, CUT_STEPS, MOST_REGIONS } from "../generated.ts";
 import { layeredFit, layersOnRaster } from "../maths/cuts.ts";
+import { pointsKey } from "../maths/points.ts";
 import { RbfError, rbfKernelOf } from "../maths/rbf.ts";
 import { FIT_TRAITS, FollowedModel, pointsOf, settingsOf } from "../sync/bus.ts";
 import type {
@@ -304,20 +305,6 @@ function newestOf(bus: Bus, editor: Model): Detail {
     traits = traitsOf(bus, editor);
   const isNewest = latest?.phase === "move" || (latest && pointsKey(latest.points) === pointsKey(traits.points || []));
   return latest && isNewest ? latest : traits;
-}
-
-/** Equal for points that give the same fit. */
-export function pointsKey(points: Point[]) {
-  return JSON.stringify(
-    points.map(({ id, source, target, active, weight, radius }) => [
-      id,
-      source,
-      target,
-      active !== false,
-      weight ?? 1,
-      radius ?? null,
-    ]),
-  );
 }
 
 function shapesKey(points: Point[], shapes: Shapes) {

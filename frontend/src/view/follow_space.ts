@@ -4,13 +4,13 @@
 
 import { perAxis } from "../maths/axes.ts";
 import { forwardFit, forwardOnLattice } from "../maths/forward_fit.ts";
+import { pointsKey } from "../maths/points.ts";
 import { RbfError, rbfFit, rbfOnLattice } from "../maths/rbf.ts";
 import { fitInFrame } from "../maths/space.ts";
 import { FollowedModel, settingsOf } from "../sync/bus.ts";
 import { senderOf } from "../sync/edits.ts";
 import type { Bus, Model, Point, PointsDetail, RbfFit, Vector3 } from "../types.ts";
 import type { SpaceField } from "../webgl/types.ts";
-import { pointsKey } from "./follow_editor.ts";
 import type { VolumeInfo } from "./types.ts";
 
 /** The points whose fit a field of Python is, and the numbers of nodes along the axes while they move. */

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from front_end import deliver
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from studio_driver import a_drag, a_volume, controls, drag, get_notice, wait_for
 
 from deformnb.volume.plane import Plane
@@ -153,3 +153,24 @@ def test_a_view_alone_answers_nothing() -> None:
     view.on_edit_view(seen.append, remove=True)
     deliver(view, {"type": "edit_view", "view": "v", "camera": CAMERA})
     assert len(seen) == 1
+
+
+def test_the_editor_shows_the_deformed_volume_where_depth_matters(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    studio.wait()
+    assert studio.editor.deformed_picture is None  # the picture itself, deformed
+    studio.session.editing.change(extrusion="modulate", curve="1-z")
+    studio.wait()
+    first = studio.editor.deformed_picture
+    assert first is not None
+    assert_array_equal(first.values, studio.session.pictures.deformed_picture().values)
+    drag(studio, a_drag(studio, 4.0))
+    studio.wait()
+    second = studio.editor.deformed_picture
+    assert not np.array_equal(second.values, first.values)
+    assert studio.editor.deformed["points"] == studio.editor.get_state("points")["points"]
+    studio.session.pictures.window = (0.0, 100.0)
+    studio.wait()
+    assert studio.editor.deformed_picture.window == (0.0, 100.0)
+    edit_view(studio, CAMERA)  # another step, on which nothing is dragged
+    assert studio.editor.deformed_picture is None
