@@ -2,6 +2,7 @@ from .drawing import draw_pictures as draw_pictures
 from .movie_frames import animation_frames as animation_frames
 from .movie_frames import deformation_frames as deformation_frames
 from .movie_frames import write_movie as write_movie
+from .picking import surface_point as surface_point
 from .projection import PROJECTIONS as PROJECTIONS
 from .projection import project as project
 from .projection import project_channels as project_channels

@@ -14,7 +14,7 @@ from typing import Any, get_args
 from deformnb import checks
 from deformnb.analysis import folds
 from deformnb.document.deformation import LOOPS, MODES
-from deformnb.imaging import occlusion, projection
+from deformnb.imaging import occlusion, picking, projection
 from deformnb.io.files import streams
 from deformnb.io.volumes import headers, nifti
 from deformnb.rbf import (
@@ -92,6 +92,7 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "analysis/folds": (folds, ("NEARLY_FOLDED",)),
     "warping/foreground": (foreground, ("LEAVES",)),
     "imaging/occlusion": (occlusion, ("AMBIENT_CELL", "AMBIENT_NEAR", "AMBIENT_FAR", "AMBIENT_AHEAD", "AMBIENT_EVEN")),
+    "imaging/picking": (picking, ("FAINT_VALUE",)),
     "imaging/projection": (projection, ("SATURATED", "METAL")),
     "io/files/streams": (streams, ("MOST_PACKED",)),
     "io/volumes/headers": (headers, ("HEADER_BYTES", "MOST_SKIPPED")),

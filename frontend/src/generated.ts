@@ -95,6 +95,9 @@ export const AMBIENT_FAR = [3, 4.0] as const;
 export const AMBIENT_AHEAD = 3.0;
 export const AMBIENT_EVEN = 0.04;
 
+// deformnb/imaging/picking.py
+export const FAINT_VALUE = 0.02;
+
 // deformnb/imaging/projection.py
 export const SATURATED = 0.005;
 export const METAL = 3000.0;
@@ -444,6 +447,8 @@ export interface SlicesMoved {
   projection?: "slice" | "mip" | "composite" | "shaded";
   /** Whether the volume is shown without deformation. */
   original?: boolean;
+  /** Values that are black and white; empty for the automatic ones; at most 2 items. */
+  window?: [number, number] | [];
   /** Whether the movement continues: with fewer pixels. */
   moving?: boolean;
 }
@@ -465,7 +470,7 @@ export interface Pictures {
   /** Id of the one front end, or null for all. */
   view: string | null;
   panes: PaneContent[];
-  /** Note, isBad, and the folds of the map when nothing moves: folds, worst. */
+  /** Note, isBad, the folds of the map: folds, worst; the values that are black and white: window. */
   facts: Record<string, unknown>;
 }
 
@@ -753,6 +758,18 @@ export interface CameraMoved {
   number: number;
 }
 
+/** A request for the first visible surface along a ray in space. */
+export interface SurfaceRequest {
+  type: "surface";
+  /** Id of the front end; at most 40 characters. */
+  view: string;
+  /** Number of the request; from 1. */
+  id: number;
+  start: [number, number, number];
+  /** Its direction, away from the viewer. */
+  ray: [number, number, number];
+}
+
 /** The end of a front end. */
 export interface Closed {
   type: "bye";
@@ -766,7 +783,7 @@ export interface ToServerRenderer {
   /** Id of the front end; at most 40 characters. */
   view: string;
   /** As of a VolumeView. */
-  say: ServedHello | Resized | CameraMoved | EditView | Seen | Closed;
+  say: ServedHello | Resized | CameraMoved | EditView | SurfaceRequest | Seen | Closed;
 }
 
 /** The picture. */
@@ -1034,6 +1051,17 @@ export interface FrameSent {
   by: string;
 }
 
+/** The first visible surface along a ray. */
+export interface SurfaceFound {
+  type: "surface";
+  /** Id of the front end; at most 40 characters. */
+  view: string;
+  /** Number of the request. */
+  id: number;
+  /** In space; null where nothing is seen. */
+  place: [number, number, number] | null;
+}
+
 /** A text over the picture. */
 export interface Notice {
   type: "notice";
@@ -1142,7 +1170,7 @@ export type LiveViewToPython = LiveHello | ChunkRequest | Seen | PointsFollowed 
 export type LiveViewToFrontEnd = Chunk | FieldMaps | DrawnByPython | VolumeInfo | ScreenshotRequest | MovieFrame | MovieEnd;
 
 /** Any message of VolumeView. */
-export type VolumeViewToPython = ServedHello | Resized | CameraMoved | EditView | Seen | Closed;
+export type VolumeViewToPython = ServedHello | Resized | CameraMoved | EditView | SurfaceRequest | Seen | Closed;
 
 /** Any message of VolumeView. */
-export type VolumeViewToFrontEnd = FrameSent | Notice | Badge | TrameAddress;
+export type VolumeViewToFrontEnd = FrameSent | SurfaceFound | Notice | Badge | TrameAddress;

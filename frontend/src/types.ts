@@ -282,9 +282,42 @@ export interface BusEvents {
 }
 
 /** The event target that all views of one editor or player share in a window. */
+/** A tool's stroke from a view of the volume; places are those of the editor. */
+export interface ViewStroke {
+  move(place: Vector, event: PointerEvent): void;
+  end(isCancelled: boolean): void;
+}
+
+/**
+ * The tools of an editor that is drawn in the window, for its points in a view of the volume. Places and displacements
+ * are the editor's: in its picture, or in space.
+ */
+export interface EditorTools {
+  /** Whether a press adds a point. */
+  readonly isAdding: boolean;
+  /** Whether a tool is on, such as a brush, to which a press belongs. */
+  readonly hasTool: boolean;
+  /** Radius of the brush that is on; 0 for none. */
+  readonly radius: number;
+  /** Begin a drag of points; false where nothing may be moved. */
+  begin(): boolean;
+  move(ids: number[], way: Vector, what: "target" | "source" | "both", id: number, isLoose: boolean): void;
+  end(isCancelled: boolean): void;
+  /** Add a point that holds the tissue at a place; null, and a hint, where there is none. */
+  add(place: Vector): number | null;
+  remove(ids: number[]): void;
+  nudge(ids: number[], way: Vector): void;
+  /** Begin a stroke of the tool that is on, or null. */
+  press(place: Vector, isFinger: boolean): ViewStroke | null;
+  /** A key of the editor; true if it was taken. */
+  key(event: KeyboardEvent): boolean;
+}
+
 export interface Bus extends EventTarget {
   latest: PointsDetail | null;
   owners: number;
+  /** The tools of the editor's views in the window, the newest last. */
+  tools?: EditorTools[];
   sender?: Sender<Vector> | null;
   /** The number of open views of an editor. */
   views?: number;

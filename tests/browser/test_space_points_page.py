@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 
+from deformnb.imaging.picking import surface_point
+from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.volume_view import VolumeView
@@ -18,6 +21,7 @@ from deformnb.widgets.view.volume_view import VolumeView
 pytestmark = pytest.mark.needs_browser
 
 SIZE, CENTER = (360, 300), np.array([30.0, 26.0, 40.0])
+CAMERA = "JSON.stringify(document.querySelector('.dnb-view').deformnb.camera.trait)"
 POINTS = "document.querySelector('.dnb-view').deformnb.spacePoints"
 
 
@@ -195,10 +199,124 @@ def test_a_double_click_puts_a_point_on_the_front_of_the_body(show_points: Any, 
     assert target[1] < CENTER[1] - 8  # on the side of the viewer
     np.testing.assert_allclose(here.to_screen(target), (x + 8, y - 6), atol=1.0)
     np.testing.assert_array_equal(here.editor.points.source[0], target)
-    before = here.editor.points
-    here.mouse.dblclick(12, 12)  # beside the body: what it always did
+    before, camera = here.editor.points, page.page.evaluate(CAMERA)
+    here.mouse.dblclick(12, 12)  # beside the body
+    page.wait("!document.querySelector('.dnb-notice').hidden")
+    assert "Nothing is seen there" in page.page.locator(".dnb-notice").inner_text()
     here.wait_settled()
     assert here.editor.points == before
+    assert page.page.evaluate(CAMERA) == camera  # a double click never turns it
+
+
+@pytest.mark.parametrize("projection", ["shaded", "mip"])
+@pytest.mark.parametrize(("direction", "perspective"), [((0, 1, 0), False), ((1, 0.4, -0.3), True)])
+def test_the_surface_is_the_one_that_python_finds(
+    show_points: Any, page: LivePage, projection: str, direction: Any, perspective: bool
+) -> None:
+    by = np.array([5.0, 0, 4])
+    here = show_points(ControlPoints.from_arrays([CENTER], [CENTER + by]))
+    here.view.projection = projection
+    here.view.set_clip(x=(0.0, 0.7))
+    here.view.set_camera(direction, perspective=perspective)
+    page.wait("Math.max(...document.querySelector('.dnb-view').deformnb.field.space.shape) === 64")
+    page.wait(f"document.querySelector('.dnb-view').deformnb.caster.projection === '{projection}'")
+    page.wait("document.querySelector('.dnb-view').deformnb.caster.clip !== null")
+    middle_at = page.page.evaluate(f"(p) => {POINTS}.camera.see(p).at", [float(v) for v in CENTER + by])
+    met = 0
+    for dx, dy in [(0, 0), (22, -14), (-30, 18), (4, 35), (-160, -120)]:
+        ray, found = page.page.evaluate(
+            f"""(at) => {{ const shown = {POINTS}, ray = shown.camera.ray(at);
+            return [[ray.start, ray.ray], shown.body.surface(ray)]; }}""",
+            [middle_at[0] + dx, middle_at[1] + dy],
+        )
+        wanted = surface_point(
+            here.volume,
+            ray,
+            "surface",
+            field=here.editor.field(),
+            method=projection,
+            clip=here.view.clip,
+        )
+        assert (found is None) == (wanted is None)
+        if wanted is not None:
+            met += 1
+            np.testing.assert_allclose(found, wanted, atol=0.8)  # a voxel is 1 x 1 x 1.5
+    assert met >= 3
+
+
+def test_points_go_over_the_surface_along_axes_and_along_the_ray(show_points: Any, page: LivePage) -> None:
+    here = show_points()
+    x, y = here.to_screen(CENTER)
+    here.mouse.dblclick(x + 6, y - 6)
+    here.wait_settled()
+    page.page.get_by_role("button", name="Along surface").click()
+    start = here.editor.points.target[0]
+    here.drag(start, (24, 18))
+    target = here.editor.points.target[0]
+    np.testing.assert_allclose(here.to_screen(target), np.add(here.to_screen(start), (24, 18)), atol=1.0)
+    assert np.linalg.norm(target - CENTER) == pytest.approx(np.linalg.norm(start - CENTER), abs=1.0)  # on the skin
+    arrow = page.page.locator(".dnb-sp-arrows[data-axis=z]")
+    assert arrow.get_attribute("visibility") == "visible"
+    assert page.page.locator(".dnb-sp-arrows[data-axis=y]").get_attribute("visibility") == "hidden"  # from its end
+    left, top = here.to_screen(target)
+    here.mouse.move(left, top - 30)
+    here.mouse.down()
+    here.mouse.move(left + 25, top - 50, steps=4)
+    here.mouse.up()
+    here.wait_settled()
+    moved = here.editor.points.target[0] - target
+    np.testing.assert_allclose(moved, [0, 0, 20 * here.scale(target)], atol=1.01 * here.scale(target))
+    before = here.editor.points.target[0]
+    here.mouse.move(*here.to_screen(before))
+    here.mouse.wheel(0, -100)
+    page.wait(f"{POINTS}.points.before !== null")
+    page.wait(f"{POINTS}.points.before === null")  # an edit, when the wheel rests
+    here.wait_settled()
+    away = here.editor.points.target[0] - before
+    assert away[1] > 0.9  # seen along +y: away from the viewer
+    np.testing.assert_allclose(away[[0, 2]], 0, atol=1e-9)
+    page.page.keyboard.press("Control+z")
+    here.wait_settled()
+    np.testing.assert_allclose(here.editor.points.target[0], before)
+
+
+@pytest.mark.parametrize("view", ["live", "served"])
+def test_a_double_click_puts_a_point_of_a_picture_on_the_volume(page: LivePage, view: str) -> None:
+    volume = ball()
+    picture = project(volume, "+y", "mip")
+    editor = Editor(picture, None, trend="none", support=40.0)
+    looks = {"width": SIZE[0], "height": SIZE[1], "transfer": "surface"}
+    shown = LiveView(volume, **looks) if view == "live" else VolumeView(volume, method="core", **looks)
+    shown.set_camera((0.6, 0.8, 0))
+    page.add(editor, "editor")
+    page.add(shown)
+    shown.picture_editor = editor
+    page.wait(f"{POINTS}.points.isFollowing && {POINTS}.points.tools")
+    if view == "live":
+        page.wait_loaded()
+    page.wait(f"Math.abs({POINTS}.camera.ahead[0] - 0.6) < 1e-6")
+    page.page.locator(".dnb-view").scroll_into_view_if_needed()
+    box = page.page.locator(".dnb-view .dnb-canvas").first.bounding_box()
+    x, y = page.page.evaluate(f"(p) => {POINTS}.camera.see(p).at", CENTER.tolist())
+    page.page.mouse.dblclick(box["x"] + x, box["y"] + y)
+    page.wait(f"{POINTS}.points.list.length === 1")
+    page.wait_answered()
+    met = CENTER - 14.5 * np.array([0.6, 0.8, 0])
+    found = page.page.evaluate(f"{POINTS}.points.list[0].target")
+    np.testing.assert_allclose(found, met, atol=1.2)
+    np.testing.assert_allclose(editor.points.target[0], picture.plane.to_plane([met])[0, :2], atol=1.2)
+    before = editor.points.target[0]
+    left, top = page.page.evaluate(f"{POINTS}.camera.see({POINTS}.points.list[0].target).at")
+    page.page.mouse.move(box["x"] + left, box["y"] + top)
+    page.page.mouse.down()
+    page.page.mouse.move(box["x"] + left, box["y"] + top - 20, steps=4)
+    page.page.mouse.up()
+    page.wait("!document.querySelector('.dnb-editor').deformnb.sender.isBehind()")
+    page.wait_answered()
+    scale = page.page.evaluate(f"{POINTS}.camera.see({POINTS}.points.list[0].source).scale")
+    start, end = picture.plane.to_plane([CENTER, CENTER + np.array([0, 0, 20 * scale])])[:, :2]
+    np.testing.assert_allclose(editor.points.target[0] - before, end - start, atol=1.01 * scale)
+    assert page.errors == []
 
 
 @pytest.mark.nightly

@@ -87,6 +87,11 @@ def _number(value: Any) -> None:
         raise DeformError(f"it must be a whole number from 0, got {value!r:.40}.")
 
 
+def _slice_number(value: Any) -> None:
+    if value not in (-1, 0, 1, 2) or isinstance(value, bool):
+        raise DeformError(f"it must be the number of one of three slices, or -1 for none, got {value!r:.40}.")
+
+
 FRONT_END_TRAITS: dict[str, Callable[[Any], None]] = {
     "mirror": _flat_mirror,
     "snap": _length,
@@ -98,7 +103,11 @@ FRONT_END_TRAITS: dict[str, Callable[[Any], None]] = {
 }
 """Check of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
 
-SPACE_TRAITS: dict[str, Callable[[Any], None]] = {"mirror": _space_mirror, "snap": _length}
+SPACE_TRAITS: dict[str, Callable[[Any], None]] = {
+    "mirror": _space_mirror,
+    "snap": _length,
+    "large_slice": _slice_number,
+}
 """The same for an editor in space."""
 
 

@@ -275,6 +275,7 @@ class Editor(EditedPoints):
     ghost = traitlets.Bytes(b"", help="another picture as PNG, drawn over this one").tag(sync=True)
     ghost_opacity = traitlets.Float(0.0, min=0.0, max=1.0).tag(sync=True)
     raster = traitlets.Dict().tag(sync=True)
+    plane = traitlets.Dict(help="origin, u, v and n of the picture in space; {} for a sheet").tag(sync=True)
     air = traitlets.Float(None, allow_none=True, help="value of the picture up to which nothing is seen").tag(sync=True)
     tissue = traitlets.Dict(
         help="mask of tissue at any depth, as documents hold it; {} where the picture shows it"
@@ -551,4 +552,12 @@ def _picture_traits(picture: Picture | None, raster: Raster | None, points: Cont
     if grid is not None:
         facts["lengths"] = unit_of(grid)
     lone = _LONE_POINT_SHARE * where.diagonal if grid is None else lone_support(grid)
-    return {"image": image, "raster": raster_json(where, facts), "lone_support": lone}
+    return {"image": image, "raster": raster_json(where, facts), "lone_support": lone, "plane": _plane_json(picture)}
+
+
+def _plane_json(picture: Picture | None) -> dict[str, Any]:
+    """The plane of a picture as the front end gets it; {} of a sheet, which is nowhere in space."""
+    if picture is None:
+        return {}
+    u, v, n = picture.plane.frame.tolist()
+    return {"origin": list(picture.plane.origin), "u": u, "v": v, "n": n}

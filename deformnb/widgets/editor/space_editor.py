@@ -44,6 +44,7 @@ from deformnb.widgets.messages.editors import (
     SlicesMoved,
 )
 from deformnb.widgets.messages.record import Seen
+from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.view.transport import Pacer
 from deformnb.widgets.worker import Worker
 
@@ -150,6 +151,8 @@ class SpaceEditor(EditedPoints):
     It can take an :class:`~deformnb.widgets.Editor`'s place: ``points``, ``selected``, ``history``, ``waiting``,
     ``on_edit``, ``on_history``, ``edit_under_way``, ``fit`` and ``step`` mean the same.
     ``LiveView.edit_points(editor)`` shows its points in a live view, where they can be dragged as well.
+    ``large_slice`` is the number of the slice that is shown larger than the other two, -1 for none.
+    ``window`` holds the values shown as black and white, as they were set manually; empty for the automatic ones.
     ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, actions of the pointer in the
     pictures on one side of that plane are done on the other side too; the plane is one of the volume's own, the next to
     that axis, None its middle. ``snap`` is the step of a lattice to which targets snap, 0 for none.
@@ -175,7 +178,10 @@ class SpaceEditor(EditedPoints):
     cursor = traitlets.Any(help="the place (x, y, z) through which the slices go").tag(sync=True)
     projection = traitlets.Enum(list(SLICE_PROJECTIONS), "slice").tag(sync=True)
     shows_original = traitlets.Bool(False).tag(sync=True)
+    large_slice = traitlets.Int(-1, min=-1, max=2, help="the slice that is larger than the others").tag(sync=True)
+    window = traitlets.List(traitlets.Float(), help="values shown as black and white, set manually").tag(sync=True)
     panes: Any = traitlets.List().tag(sync=True)
+    unit = traitlets.Unicode(help="of lengths; empty where it is not known").tag(sync=True)
     revision = traitlets.Int(0, help="counts changes of other data than traits: volume, before, options")
 
     def __init__(
@@ -201,7 +207,9 @@ class SpaceEditor(EditedPoints):
         super().__init__(
             **{**traits, "label": volume.name or "Volume", "height": 360, **settings},
             points=ControlPoints.empty(3) if points is None else points,
+            window=list(window or ()),
         )
+        self.observe(self._window_chosen, "window")
         shown = ["points", "settings", "revision", "cursor", "projection", "shows_original"]
         self.observe(lambda change: self._changed(), shown)
         close_earlier_of_this_cell(self)
@@ -214,6 +222,7 @@ class SpaceEditor(EditedPoints):
         return {
             "panes": [pane.info() for pane in self._pictures.panes],
             "cursor": list(volume.grid.center),
+            "unit": unit_of(volume.grid),
             "lone_support": lone_support(volume.finest_grid),
         }
 
@@ -252,7 +261,19 @@ class SpaceEditor(EditedPoints):
             made = self._pictures
             self._pictures = SpacePictures(made.volume, made.transfer, window, colour_map)
             self._window = window
+        self.window = list(window or ())
         self.revision += 1
+
+    def _window_chosen(self, change: Any) -> None:
+        window = tuple(change["new"]) or None
+        if window != self._window:
+            self.set_display(window, self._pictures.colour_map)
+
+    @property
+    def largest_slice(self) -> int:
+        """The number of the slice that shows most of the volume."""
+        sizes = [(a1 - a0) * (b1 - b0) for a0, a1, b0, b1, *_ in (pane.box for pane in self._pictures.panes)]
+        return int(np.argmax(sizes))
 
     @property
     def options(self) -> dict[str, Any]:
@@ -343,6 +364,7 @@ class SpaceEditor(EditedPoints):
             ("cursor", message.cursor),
             ("projection", message.projection),
             ("shows_original", message.original),
+            ("window", message.window),
         ):
             if value is not UNSET:
                 setattr(self, name, value)
@@ -400,8 +422,9 @@ class SpaceEditor(EditedPoints):
             field = self._field(points)
             images = self._images(None if self.shows_original else field, is_moving, all_of_them=view is not None)
             facts = dict(self._last.facts)
-            if not is_moving and field is not None:
-                found = slice_folds(field, self.volume.grid)
+            facts["window"] = list(self._pictures.window)
+            if field is not None:
+                found = slice_folds(field, self.volume.grid, is_quick=is_moving)
                 facts |= {"folds": (found.least, found.share), "worst": found.place}
         except Exception as error:  # in a separate thread nothing else would report it
             if ENDING.is_set():

@@ -36,7 +36,7 @@ SLICE_PROJECTIONS = get_args(SliceProjection)
 _MAXIMUM, _LIGHT = (96**3, 192**3), (64**3, 128**3)
 _LARGEST_SIDE = 2048
 # Nodes along the longest side of the lattice on which folds are looked for.
-_FOLD_NODES = 24
+_FOLD_NODES, _QUICK_FOLD_NODES = 24, 12  # at rest, and while points move: a few milliseconds
 _SHAPE_PIXELS = 192  # along the longer side, of parts and cuts on a slice
 _OPAQUE = 0.5  # accumulated in front of a place: there the surface of a composite picture is
 
@@ -157,7 +157,7 @@ class SpacePictures:
         colour_map: str = COLOUR_MAPS[0],
     ) -> None:
         self._colours = None if colour_map == COLOUR_MAPS[0] else colour_table(colour_map)
-        self.volume, self.transfer = volume, transfer
+        self.volume, self.transfer, self.colour_map = volume, transfer, colour_map
         self.panes = tuple(Pane.of(volume.grid, view) for view in PANES)
         self.window = _window(volume) if window is None else check_window(window)
         self._coarser: dict[int, Volume] = {}
@@ -246,10 +246,11 @@ def _grey(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
     return np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
 
 
-def slice_folds(field: AbstractField, grid: Grid) -> Folds:
+def slice_folds(field: AbstractField, grid: Grid, *, is_quick: bool = False) -> Folds:
     """The smallest factor by which a field stretches volumes, where that is, and the share of places where it folds.
 
-    On a coarse lattice: it finds folds of a tenth of the volume, not those between two nodes.
+    On a coarse lattice: it finds folds of a tenth of the volume, not those between two nodes. A quick one is for points
+    that move.
 
     Examples
     --------
@@ -257,7 +258,9 @@ def slice_folds(field: AbstractField, grid: Grid) -> Folds:
     0.0
     """
     lengths = np.asarray(grid.spacing) * np.asarray(grid.shape[::-1])
-    counts = np.maximum(3, np.round(_FOLD_NODES * lengths / lengths.max())).astype(int)
+    counts = np.maximum(3, np.round((_QUICK_FOLD_NODES if is_quick else _FOLD_NODES) * lengths / lengths.max())).astype(
+        int
+    )
     spacing = lengths / counts
     first = grid.index_to_point((spacing / np.asarray(grid.spacing) - 1) / 2)
     lattice = replace(

@@ -16,6 +16,7 @@ from deformnb.widgets.messages.record import (
     Buffers,
     Channel,
     Counted,
+    Finite,
     Message,
     Place2,
     Place3,
@@ -203,6 +204,10 @@ class SlicesMoved(Message, frozen=True, kw_only=True, tag="look"):
     cursor: Annotated[Place3 | UnsetType, Meta(description="(x, y, z)")] = UNSET
     projection: SliceProjection | UnsetType = UNSET
     original: Annotated[bool | UnsetType, Meta(description="whether the volume is shown without deformation")] = UNSET
+    window: Annotated[
+        Annotated[list[Finite], Meta(max_length=2, extra={"typescript": "[number, number] | []"})] | UnsetType,
+        Meta(description="values that are black and white; empty for the automatic ones"),
+    ] = UNSET
     moving: Annotated[bool, Meta(description="whether the movement continues: with fewer pixels")] = False
 
 
@@ -230,7 +235,10 @@ class Pictures(Message, frozen=True, kw_only=True, tag="pictures"):
     view: Views
     panes: Annotated[list[dict[str, Any]], Meta(extra={"typescript": "PaneContent[]"})]
     facts: Annotated[
-        dict[str, Any], Meta(description="note, isBad, and the folds of the map when nothing moves: folds, worst")
+        dict[str, Any],
+        Meta(
+            description="note, isBad, the folds of the map: folds, worst; the values that are black and white: window"
+        ),
     ]
 
 

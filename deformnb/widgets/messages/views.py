@@ -108,6 +108,23 @@ class EditView(Message, frozen=True, kw_only=True, tag="edit_view"):
     camera: CameraData
 
 
+class SurfaceRequest(Message, frozen=True, kw_only=True, tag="surface"):
+    """A request for the first visible surface along a ray in space."""
+
+    view: View
+    id: Request
+    start: Place3
+    ray: Annotated[Place3, Meta(description="its direction, away from the viewer")]
+
+
+class SurfaceFound(Message, frozen=True, kw_only=True, tag="surface"):
+    """The first visible surface along a ray."""
+
+    view: View
+    id: Annotated[int, Meta(description="number of the request")]
+    place: Annotated[Vector3 | None, Meta(description="in space; null where nothing is seen")] = None
+
+
 class Closed(Message, frozen=True, kw_only=True, tag="bye"):
     """The end of a front end."""
 
@@ -144,8 +161,10 @@ class TrameAddress(Message, frozen=True, kw_only=True, tag="trame"):
     url: Annotated[str, Meta(description="of its page")]
 
 
-ServedMessage: TypeAlias = ServedHello | Resized | CameraMoved | EditView | Seen | Closed
-SERVED: Channel[ServedMessage] = Channel(("VolumeView",), ServedMessage, (FrameSent, Notice, Badge, TrameAddress))
+ServedMessage: TypeAlias = ServedHello | Resized | CameraMoved | EditView | SurfaceRequest | Seen | Closed
+SERVED: Channel[ServedMessage] = Channel(
+    ("VolumeView",), ServedMessage, (FrameSent, SurfaceFound, Notice, Badge, TrameAddress)
+)
 
 # ---- drawn in the front end ------------------------------------------------------------------------------------------
 

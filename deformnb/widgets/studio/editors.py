@@ -80,6 +80,8 @@ def is_front_only(step: Step) -> bool:
 
 def show_view_state(editor: Any, session: Session) -> None:
     """Show the window, the colour map and the number of the slice that a session has."""
+    if isinstance(editor, SpaceEditor):
+        editor.set_display(session.pictures.window, session.pictures.colour_map)
     if isinstance(editor, Editor):
         editor.window = list(session.pictures.window or ())
         editor.colour_map = session.pictures.colour_map
@@ -200,6 +202,8 @@ class StudioEditors:
                 fill=True,
             )
         made.chooses_support = False
+        made.large_slice = made.largest_slice
+        show_view_state(made, session)
         basic.own_layout(made).width = "100%"
         self._listen(made)
         return made

@@ -83,7 +83,7 @@ class StudioSlices:
                 transfer=session.pictures.transfer_function,
                 label=f"Slices of {session.volume.name or 'the volume'}",
             )
-        made.layout.width = "100%"
+        made.layout.width, made.large_slice = "100%", made.largest_slice
         return made
 
     def _is_open(self) -> bool:

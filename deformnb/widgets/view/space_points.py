@@ -37,6 +37,9 @@ class ShowsPoints(traitlets.HasTraits):
     """A view over which the points of an editor in space are seen and dragged."""
 
     points_editor = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
+    picture_editor = traitlets.Any(
+        None, allow_none=True, help="an editor of a picture, whose points are seen and dragged over the volume as well"
+    ).tag(sync=True, **ipywidgets.widget_serialization)
 
     is_quick = False
     """True while the deformation is in motion, so that a coarser one will do."""
@@ -63,8 +66,10 @@ class ShowsPoints(traitlets.HasTraits):
 
         Notes
         -----
-        In the front end: drag a point parallel to the screen, or along x, y or z after that key; arrows move it by a
-        voxel; a double click on the body puts a point there.
+        In the front end: drag a point parallel to the screen or over the surface, or along x, y or z by its arrows;
+        the wheel on it moves it along the ray, arrow keys by a voxel; a double click puts a point on the first
+        visible surface, as :func:`~deformnb.imaging.surface_point` finds it. ``picture_editor`` is an
+        :class:`~deformnb.widgets.Editor` whose points are shown and edited so too, projected on its picture.
         """
         leave = getattr(self, "_leave_points", None)
         if leave is not None:

@@ -22,8 +22,10 @@ import traitlets
 from deformnb._typing import Image
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
+from deformnb.imaging.picking import surface_point
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
+from deformnb.volume.clip import Clip
 from deformnb.volume.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
@@ -40,6 +42,8 @@ from deformnb.widgets.messages.views import (
     EditView,
     ServedHello,
     ServedMessage,
+    SurfaceFound,
+    SurfaceRequest,
 )
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.synced import SyncedWidget, ViewMeta
@@ -100,6 +104,22 @@ def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
     info = shown.info()
     names = ("axes", "views", "origin", "spacing", "to_frame", "unit")
     return {**{name: info[name] for name in names}, "box": shown.box(output), "own": shown.box()}
+
+
+def surface_reply(
+    content: SceneContent, request: SurfaceRequest, transfer: TransferFunction | str, method: str, clip: Clip
+) -> SurfaceFound:
+    """The place where a ray meets what a view shows, for a front end that has no voxels."""
+    place = surface_point(
+        content.volume,
+        (request.start, request.ray),
+        transfer,
+        field=content.field(),
+        method=method,
+        clip=clip,
+        output=content.output,
+    )
+    return SurfaceFound(view=request.view, id=request.id, place=None if place is None else place.tolist())
 
 
 _OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "plane_frame"})
@@ -399,6 +419,8 @@ class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=
         elif isinstance(message, Seen):
             if self.pictures.frames.confirm(message.seq, message.view):
                 self.scene.touch()
+        elif isinstance(message, SurfaceRequest):
+            self.post(surface_reply(self.scene.ready(), message, self._transfer, self.projection, self.clip))
         else:
             self._front_end_closed(message)
 

@@ -43,6 +43,7 @@ import { Pen, ShapeTools } from "./shape_tools.ts";
 import { ShownPicture } from "./shown_picture.ts";
 import { Stage } from "./stage.ts";
 import { StatusLine } from "./status_line.ts";
+import { offerTools, pictureViewTools } from "./view_tools.ts";
 import { MARGIN, Viewport } from "./viewport.ts";
 import { Wand } from "./wand_tool.ts";
 import { Wheel } from "./wheel.ts";
@@ -134,6 +135,7 @@ export class EditorView extends EditorDrawing {
     frames.listen(root, "keydown", (event) => tools.keys.press(event), { signal: this.stage.closing.signal });
     layers.nodes = new GridNodes(parts);
     panels.status = new StatusLine(parts);
+    offerTools(bus, pictureViewTools(parts), this.stage.closing.signal);
     root.append(messages.liveRegion);
     Object.assign(root, { deformnb: this }); // for tests and for debugging
     this.#followModel();

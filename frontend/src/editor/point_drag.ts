@@ -75,6 +75,13 @@ export class PointDrag implements PointDragger {
    * @param isLoose whether that one need not keep to the grid
    */
   drag(ids: number[], by: Vector2, what: Moved, id: number, isLoose: boolean = false) {
+    const { layers, viewport } = this.editor,
+      f = (what === "target" ? layers.nodes.pull : 1) / viewport.view.k;
+    this.translate(ids, [f * by[0], f * by[1]], what, id, isLoose);
+  }
+
+  /** Move points by a displacement in the picture since the drag began; parameters as of `drag`. */
+  translate(ids: number[], by: Vector2, what: Moved, id: number, isLoose: boolean) {
     const { editor, drag0 } = this;
     if (!drag0) return;
     const free = freeIds(drag0, includeRims(drag0, ids));
@@ -82,8 +89,7 @@ export class PointDrag implements PointDragger {
       editor.tools.points.hintLocked([id]);
       return;
     }
-    const f = (what === "target" ? editor.layers.nodes.pull : 1) / editor.viewport.view.k;
-    const way = this.#snapMove(id, [f * by[0], f * by[1]], what, isLoose),
+    const way = this.#snapMove(id, by, what, isLoose),
       { mirror } = editor.tools.points,
       lead = mirror.sideOf(id);
     this.show((before, t) => mirror.edit(before, translatePoints(before, free, t * way[0]!, t * way[1]!, what), lead));

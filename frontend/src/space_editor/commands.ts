@@ -52,6 +52,7 @@ const COMMANDS: Record<string, Command> = {
     if (ids.length === 1) cursor.goTo(ids[0]!);
   },
   compare: ({ model, requests }) => requests.look({ original: !model.get("shows_original") }),
+  window: ({ requests }) => requests.look({ window: [] }),
   "zoom-in": (editor) => zoom(editor, 1.25),
   "zoom-out": (editor) => zoom(editor, 0.8),
   fit: ({ row }) => {
@@ -60,7 +61,7 @@ const COMMANDS: Record<string, Command> = {
   help: ({ modes }) => modes.toggleHelp(),
   mirror: ({ tools }) => tools.toggleMirror(),
   "mirror-axis": ({ tools }) => tools.turnMirror(),
-  snap: ({ tools }) => tools.toggleSnap(),
+  snap: ({ tools }) => tools.lattice.toggle(),
   "turn-left": ({ tools }, _ids, pane) => tools.turnKey(pane, -1, { isLarge: true, isScale: false }),
   "turn-right": ({ tools }, _ids, pane) => tools.turnKey(pane, 1, { isLarge: true, isScale: false }),
 };

@@ -21,6 +21,11 @@ export class SliceCursor {
     return this.editor.model.get("projection") === "slice";
   }
 
+  /** The unit of lengths; "" where it is not known. */
+  get unit(): string {
+    return this.editor.model.get("unit") ?? "";
+  }
+
   receive() {
     const { frames, model, requests } = this.editor,
       place: Vector3 = model.get("cursor");

@@ -4,9 +4,10 @@
 import { EditorDrawing, initialize } from "../editor/base.ts";
 import { EditedPoints } from "../editor/edited_points.ts";
 import { NamePrompt } from "../editor/name_prompt.ts";
+import { offerTools } from "../editor/view_tools.ts";
 import type { Pictures, SlicesMoved, SpaceEditorToFrontEnd } from "../generated.ts";
 import { busOf } from "../sync/bus.ts";
-import type { Change } from "../sync/edits.ts";
+import { type Change, setTrait } from "../sync/edits.ts";
 import type { Model, ModelHandler, PointsDetail } from "../types.ts";
 import { beforeActionOutside, OWN_KEYS, pageElement } from "../ui/dom.ts";
 import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
@@ -24,6 +25,7 @@ import { SpacePointTools } from "./point_tools.ts";
 import { PaneGestures } from "./pointer.ts";
 import { PictureRequests } from "./requests.ts";
 import { SpaceStatus } from "./status_line.ts";
+import { spaceViewTools } from "./view_tools.ts";
 
 const SPACE_PROJECTIONS: Record<string, string> = {
   slice: "Slices",
@@ -104,7 +106,9 @@ export class SpaceEditorView extends EditorDrawing {
     this.commands = parts.commands = new SpaceCommands(parts);
     parts.toolbar = new Toolbar(this.host, root, SPACE_GROUPS, SPACE_EDITOR_KEYS, SPACE_MORE);
     this.chooser = this.#makeChooser(parts.toolbar.root);
-    this.stage = parts.row = new PaneRow(el, root);
+    this.stage = parts.row = new PaneRow(el, root, (index) => {
+      setTrait(model, "large_slice", model.get("large_slice") === index ? -1 : index);
+    });
     parts.points = new EditedPoints(parts);
     parts.edits = new SpaceEdits(parts);
     parts.requests = new PictureRequests(model, parts.edits.id, () => frames.guard(() => this.showWaiting()));
@@ -126,6 +130,7 @@ export class SpaceEditorView extends EditorDrawing {
       SPACE_EDITOR_KEYS,
     );
     parts.status = new SpaceStatus(parts, root);
+    offerTools(busOf(model), spaceViewTools(parts), parts.row.closing.signal);
     root.append(messages.liveRegion);
     Object.assign(root, { deformnb: this }); // for tests and debugging
     this.#followModel();
@@ -168,7 +173,7 @@ export class SpaceEditorView extends EditorDrawing {
     on("change:panes", () => this.receivePanes());
     on("change:theme", () => this.theme.apply());
     on("change:waiting", () => this.showWaiting());
-    for (const name of ["height", "fill"]) on(`change:${name}`, () => this.layout());
+    for (const name of ["height", "fill", "large_slice"]) on(`change:${name}`, () => this.layout());
     for (const name of ["label", "projection", "shows_original", "read_only", "history", "mirror", "snap"]) {
       on(`change:${name}`, () => frames.invalidate());
     }
@@ -242,7 +247,7 @@ export class SpaceEditorView extends EditorDrawing {
     root.setAttribute("aria-label", `Editor in space of ${model.get("label") || "Volume"}`);
     root.classList.toggle("dnb-sp-viewer", edits.isViewer);
     root.classList.toggle("dnb-ed-fill", isFilling); // its height is that of the box around it
-    row.layout(model.get("height"), isFilling);
+    row.layout(model.get("height"), isFilling, model.get("large_slice") ?? -1);
     this.frames.drawNow();
   }
 
@@ -262,7 +267,7 @@ export class SpaceEditorView extends EditorDrawing {
       add: modes.isAdding,
       select: modes.isSelecting,
       mirror: tools.mirror.on,
-      snap: tools.snap > 0,
+      snap: tools.lattice.step > 0,
       compare: model.get("shows_original"),
       help: help.isOpen,
       lock: selected.size > 0 && list.every((p) => p.locked || !selected.has(p.id)),

@@ -1,6 +1,7 @@
 // The gestures of the editor in space that the editor of a picture lacks.
 
 import { Gesture } from "../editor/gesture.ts";
+import { dragWindow } from "../editor/window_tool.ts";
 import { scaled } from "../maths/camera.ts";
 import type { Vector2 } from "../types.ts";
 import type { SpacePane } from "./pane.ts";
@@ -27,6 +28,35 @@ export class MirrorGesture extends Gesture {
   end(isCancelled: boolean) {
     const { at, normal } = this.tools.mirror;
     this.tools.moveMirror(scaled(normal, isCancelled ? this.#start : at), true);
+  }
+}
+
+/** A drag that changes the window: to the right it gets wider, upwards its level rises. */
+export class SliceWindowGesture extends Gesture {
+  /** @param change called with the window, and whether it still moves */
+  constructor(
+    from: Vector2,
+    private readonly start: Vector2,
+    private readonly change: (window: Vector2, isMoving: boolean) => void,
+    private readonly click: () => void,
+  ) {
+    super(from);
+  }
+
+  #windowAt(by: Vector2) {
+    const [low, high] = this.start,
+      width = high - low;
+    return dragWindow(this.start, by, [low - 2 * width, high + 2 * width]);
+  }
+
+  drag(_at: Vector2, by: Vector2) {
+    this.change(this.#windowAt(by), true);
+  }
+
+  end(isCancelled: boolean, at: Vector2) {
+    if (isCancelled) this.change(this.start, false);
+    else if (this.isPress) this.click();
+    else this.change(this.#windowAt([at[0] - this.from[0], at[1] - this.from[1]]), false);
   }
 }
 

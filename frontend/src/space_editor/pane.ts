@@ -6,7 +6,8 @@ import { Viewport } from "../editor/viewport.ts";
 import { dot, scaled, sideOf } from "../maths/camera.ts";
 import { clearness, flatPoint, fromPane, spaceLabel, spaceTip, toPane } from "../maths/space.ts";
 import type { FlatPoint, PaneInfo, SpacePoint, Vector2, Vector3 } from "../types.ts";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { buttonElement, OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { ScaleBar } from "../ui/view_parts.ts";
 import { PaneImage } from "./pane_image.ts";
 import { LINES, type Line, PaneMarks } from "./pane_marks.ts";
 import type { SpaceParts } from "./parts.ts";
@@ -21,8 +22,7 @@ export type PaneEditor = SpaceParts<
 
 export class SpacePane {
   root: HTMLDivElement;
-  title: HTMLSpanElement;
-  place: HTMLSpanElement;
+  head: { title: HTMLButtonElement; place: HTMLSpanElement };
   stage: HTMLDivElement;
   image: PaneImage;
   svg: SVGSVGElement;
@@ -32,6 +32,7 @@ export class SpacePane {
   letters: HTMLSpanElement[];
   slider: HTMLInputElement;
   viewport: Viewport;
+  scale: ScaleBar;
 
   /** Points as they are drawn in this picture, at this depth. */
   #flat = { at: "", points: new WeakMap<SpacePoint, FlatPoint>() };
@@ -43,8 +44,10 @@ export class SpacePane {
     const { cursor, frames } = editor;
     this.root = pageElement("div", `dnb-sp-pane dnb-sp-pane${index}`, editor.row.element, { role: "group" });
     const head = pageElement("div", "dnb-sp-head", this.root);
-    this.title = pageElement("span", "dnb-sp-title", head);
-    this.place = pageElement("span", "dnb-sp-place", head);
+    this.head = {
+      title: buttonElement("dnb-sp-title", head, "", () => frames.guard(() => editor.row.enlarge(index))),
+      place: pageElement("span", "dnb-sp-place", head),
+    };
     this.stage = pageElement("div", "dnb-ed-stage dnb-sp-stage", this.root, {
       tabindex: "0",
       role: "application",
@@ -58,6 +61,7 @@ export class SpacePane {
     this.letters = ["left", "right", "top", "bottom"].map((side) =>
       pageElement("span", `dnb-sp-letter dnb-sp-${side}`, this.stage, { "aria-hidden": "true" }),
     );
+    this.scale = new ScaleBar(this.stage);
     this.slider = pageElement("input", "dnb-sp-slider", this.root, { type: "range", ...OWN_KEYS });
     frames.listen(this.slider, "input", () => cursor.setDepth(this.info, Number(this.slider.value)));
     frames.listen(this.slider, "change", () => cursor.rest());
@@ -78,7 +82,12 @@ export class SpacePane {
     const { name, u, v, depths, spacing } = this.info,
       { isSlice } = this.editor.cursor,
       depth = this.editor.cursor.depthIn(this.info);
-    setText(this.title, name);
+    setText(this.head.title, name);
+    const isLarge = this.editor.model.get("large_slice") === this.index;
+    setAttributes(this.head.title, {
+      "aria-pressed": String(isLarge),
+      title: isLarge ? "Show the three slices alike" : "Show this slice large",
+    });
     this.root.setAttribute("aria-label", `${name} picture`);
     this.stage.setAttribute(
       "aria-label",
@@ -94,7 +103,7 @@ export class SpacePane {
     const number = Math.round((depth - depths[0]) / spacing[2]) + 1;
     const isHeld = document.activeElement === this.slider && Number(this.slider.value) === depth;
     if (!isHeld) this.slider.value = String(depth);
-    setText(this.place, isSlice ? `${number} / ${count}` : "whole volume");
+    setText(this.head.place, isSlice ? `${number} / ${count}` : "whole volume");
     this.slider.setAttribute("aria-valuetext", `slice ${number} of ${count}`);
   }
 
@@ -104,6 +113,14 @@ export class SpacePane {
     this.image.resize(Math.round(width * ratio), Math.round(height * ratio));
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.viewport.resize(width, height, ratio);
+  }
+
+  /** The value of the volume under a place of the view; null beyond the picture and for colours. */
+  valueAt(at: Vector2) {
+    const { window } = this.editor.status.facts,
+      [a, b] = this.viewport.placeAt(at),
+      grey = this.isInside(at) && this.editor.cursor.isSlice ? this.image.greyAt(a, b) : null;
+    return grey === null || !window ? null : { grey, value: window[0] + (grey / 255) * (window[1] - window[0]) };
   }
 
   // ---- places -------------------------------------------------------------------------------------------------------
@@ -177,6 +194,7 @@ export class SpacePane {
       { view } = this.viewport,
       { worst } = status;
     this.image.paint(view, theme.colours.stage);
+    this.scale.write({ height: view.height / view.k, bend: 0 }, this.editor.cursor.unit, view);
     this.describe();
     this.overlay.drawCross(
       this.toView(cursor.place),

@@ -39,6 +39,8 @@ export class PaneImage {
   /** The depth that is seen at each pixel of a projection. */
   #depths: Float32Array | null = null;
 
+  #greys: Uint8Array | null = null; // of the picture, rows first
+
   #raster: Raster = { shape: [1, 1], spacing: [1, 1], origin: [0, 0] };
 
   /** Content of the canvas: pixels, their place and the colour around them. */
@@ -53,8 +55,8 @@ export class PaneImage {
     this.#painted = []; // which clears it
   }
 
-  /** The depth that is seen at a place of a projection; undefined of slices. */
-  depthAt(a: number, b: number) {
+  /** The number of the pixel at a place. */
+  #pixelAt(a: number, b: number) {
     const {
       shape: [nv, nu],
       spacing: [du, dv],
@@ -62,7 +64,17 @@ export class PaneImage {
     } = this.#raster;
     const column = Math.max(0, Math.min(nu - 1, Math.round((a - origin[0]) / du)));
     const row = Math.max(0, Math.min(nv - 1, Math.round((b - origin[1]) / dv)));
-    return this.#depths?.[row * nu + column];
+    return row * nu + column;
+  }
+
+  /** The depth that is seen at a place of a projection; undefined of slices. */
+  depthAt(a: number, b: number) {
+    return this.#depths?.[this.#pixelAt(a, b)];
+  }
+
+  /** The grey level at a place, 0 to 255 over the window; null in colours. */
+  greyAt(a: number, b: number) {
+    return this.#greys?.[this.#pixelAt(a, b)] ?? null;
   }
 
   /**
@@ -85,6 +97,7 @@ export class PaneImage {
     this.picture = makeCanvas(width, height);
     contextOf(this.picture).putImageData(made, 0, 0);
     this.#raster = { shape: [height, width], spacing, origin };
+    this.#greys = channels === 1 ? pixels : null;
     this.#depths = depths;
     this.#shapes = shapes && shares && tintShapes(shapes, shares);
   }

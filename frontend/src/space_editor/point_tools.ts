@@ -12,8 +12,8 @@ import type { Mirror, PaneInfo, SpacePoint, Vector2, Vector3 } from "../types.ts
 import { treeOf } from "../ui/dom.ts";
 import type { SpacePane } from "./pane.ts";
 import type { SpaceParts } from "./parts.ts";
+import { SnapLattice } from "./snap_lattice.ts";
 
-const SNAP_PARTS = 16; // of the longest side: the step of the lattice, in whole voxels
 export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an old one on the slice selects that
 
 /** Dependencies of the tools on the editor. */
@@ -22,7 +22,11 @@ export type SpaceToolEditor = SpaceParts<
 >;
 
 export class SpacePointTools {
-  constructor(readonly editor: SpaceToolEditor) {}
+  lattice: SnapLattice;
+
+  constructor(readonly editor: SpaceToolEditor) {
+    this.lattice = new SnapLattice(editor);
+  }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
@@ -40,12 +44,35 @@ export class SpacePointTools {
    */
   drag(pane: SpacePane, ids: number[], by: Vector2, what: Moved, id: number, isLoose: boolean) {
     const { edits } = this.editor,
-      { drag0 } = edits,
-      { k } = pane.viewport.view;
+      { k } = pane.viewport.view,
+      way = vectorFromPane(pane.info, by[0] / k, by[1] / k);
+    this.translate(
+      ids,
+      this.lattice.snapMove(
+        pane.info,
+        edits.drag0?.find((q) => q.id === id),
+        way,
+        what,
+        isLoose,
+      ),
+      what,
+      id,
+    );
+  }
+
+  /** The same by a displacement in space, in which all three coordinates snap. */
+  dragInSpace(ids: number[], way: Vector3, what: Moved, id: number, isLoose: boolean) {
+    const p = this.editor.edits.drag0?.find((q) => q.id === id),
+      isSnapping = p && !isLoose && what === "target";
+    this.translate(ids, isSnapping ? difference(this.lattice.nodeAt(added(p.target, way)), p.target) : way, what, id);
+  }
+
+  translate(ids: number[], way: Vector3, what: Moved, id: number) {
+    const { edits } = this.editor,
+      { drag0 } = edits;
     if (!drag0) return;
     const free = freeIds(drag0, ids);
     if (!free.length) this.announceLocked(id);
-    const way = this.#snapMove(pane.info, id, vectorFromPane(pane.info, by[0] / k, by[1] / k), what, isLoose);
     edits.show(this.symmetric(drag0, translateInSpace(drag0, free, way, what), this.#sideOfPoint(id)));
   }
 
@@ -74,6 +101,11 @@ export class SpacePointTools {
       return;
     }
     if (id !== null && !editor.points.selected.has(id)) editor.points.select([id]);
+    this.nudgePoints(ids, way, what);
+  }
+
+  nudgePoints(ids: number[], way: Vector3, what: Moved = "target") {
+    const { editor } = this;
     const free = freeIds(editor.points.list, ids);
     if (!free.length) this.announceLocked(ids[0]!);
     this.change(translateInSpace(editor.points.list, free, way, what), "nudge", `nudge ${ids}`);
@@ -101,16 +133,16 @@ export class SpacePointTools {
       editor.messages.hint("Points are put inside the volume");
       return null;
     }
-    return this.addPlace(fromPane(pane.info, this.#snapToNode(pane.info, toPane(pane.info, pane.under(at)))), pane);
+    return this.addPlace(fromPane(pane.info, this.lattice.nodeIn(pane.info, toPane(pane.info, pane.under(at)))), pane);
   }
 
-  addPlace(place: Vector3, pane: SpacePane) {
+  addPlace(place: Vector3, pane: SpacePane | null) {
     const { editor } = this,
       id = editor.points.nextId();
     if (!this.change(addPoint(editor.points.list, id, place, place), "add")) return null;
     editor.points.select([id]);
     editor.frames.drawNow();
-    pane.handles.focus(id);
+    pane?.handles.focus(id);
     editor.messages.announce(`point ${id} added at ${place.map(formatLength).join(", ")}`);
     return id;
   }
@@ -229,46 +261,6 @@ export class SpacePointTools {
     if (!mirror.on) return after;
     const id = this.editor.points.nextId(after);
     return mirrorEdit(mirror, before, after, { near: this.#mirrorNear, lead, id });
-  }
-
-  // ---- the lattice to which targets snap ----------------------------------------------------------------------------
-
-  /** The step of the lattice; 0 for none. */
-  get snap(): number {
-    return this.editor.model.get("snap") || 0;
-  }
-
-  toggleSnap() {
-    const { editor } = this,
-      {
-        box: [a0, a1, b0, b1, c0, c1],
-        spacing,
-      } = editor.cursor.panes[0]!,
-      voxel = Math.min(...spacing);
-    const step = voxel * Math.max(1, Math.round(Math.max(a1 - a0, b1 - b0, c1 - c0) / SNAP_PARTS / voxel));
-    setTrait(editor.model, "snap", this.snap > 0 ? 0 : step);
-    if (this.snap > 0)
-      editor.messages.hint(`Targets snap to a lattice of ${formatLength(step)}; hold Alt to go between`, 4000);
-  }
-
-  /** The next node in a picture, whose nodes begin at the middle of its first voxel; the depth stays. */
-  #snapToNode(pane: PaneInfo, [a, b, c]: Vector3): Vector3 {
-    const { snap: step } = this,
-      {
-        box: [a0, , b0],
-        spacing: [du, dv],
-      } = pane;
-    const near: (value: number, first: number) => number = (value, first) =>
-      first + step * Math.round((value - first) / step);
-    return step > 0 ? [near(a, a0 + du / 2), near(b, b0 + dv / 2), c] : [a, b, c];
-  }
-
-  /** The displacement that brings the point under the pointer onto a node; the others follow it. */
-  #snapMove(pane: PaneInfo, id: number, way: Vector3, what: Moved, isLoose: boolean): Vector3 {
-    const p = this.editor.edits.drag0?.find((q) => q.id === id);
-    if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
-    const target = p.target;
-    return difference(fromPane(pane, this.#snapToNode(pane, toPane(pane, added(target, way)))), target);
   }
 
   // ---- turning and scaling ------------------------------------------------------------------------------------------

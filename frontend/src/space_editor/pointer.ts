@@ -7,14 +7,14 @@ import { middleOf } from "../maths/points.ts";
 import { toPane } from "../maths/space.ts";
 import type { Vector2 } from "../types.ts";
 import { slackOf, targetOf, treeOf } from "../ui/dom.ts";
-import { CrossGesture, MirrorGesture } from "./gestures.ts";
+import { CrossGesture, MirrorGesture, SliceWindowGesture } from "./gestures.ts";
 import type { SpacePane } from "./pane.ts";
 import { LINES } from "./pane_marks.ts";
 import type { SpaceParts } from "./parts.ts";
 
 /** Dependencies of the pointers on the editor. */
 export type SpacePointerEditor = SpaceParts<
-  "frames" | "messages" | "row" | "points" | "edits" | "tools" | "modes" | "cursor"
+  "frames" | "messages" | "row" | "points" | "edits" | "tools" | "modes" | "cursor" | "requests" | "status"
 >;
 
 /**
@@ -44,6 +44,7 @@ export class PaneGestures {
     frames.listen(svg, "pointerup", (e) => this.#up(e), options);
     frames.listen(svg, "pointercancel", (e) => this.#up(e, true), options);
     frames.listen(svg, "lostpointercapture", (e) => this.#up(e, true), options);
+    frames.listen(svg, "pointerleave", () => editor.status.showValue(null), options);
     frames.listen(svg, "dblclick", (e) => this.#doubleClick(e), options);
     frames.listen(svg, "contextmenu", (e) => this.#contextMenu(e), options);
     frames.listen(svg, "touchstart", (e) => this.isOthers && preventScrolling(e), active);
@@ -99,6 +100,7 @@ export class PaneGestures {
       hit = this.#pointAt(event);
     const mark = targetOf(event).closest("[data-mark]")?.getAttribute("data-mark");
     if (event.button === 1 || (event.button === 0 && modes.isSpaceDown)) return new PanGesture(at, pane.viewport);
+    if (event.button === 2 && event.pointerType !== "touch") return this.#rightPress(at, hit);
     if (event.button !== 0) return null;
     if (mark === "axis") {
       pane.marks.grip.focus({ preventScroll: true });
@@ -132,6 +134,19 @@ export class PaneGestures {
     });
   }
 
+  /** A right click deletes the point under it; a drag changes the window of the slices. */
+  #rightPress(at: Vector2, hit: GrabbedPoint | null) {
+    const { cursor, requests, status, tools } = this.editor,
+      { window } = status.facts;
+    if (!window || !cursor.isSlice) return null;
+    return new SliceWindowGesture(
+      at,
+      window,
+      (to, isMoving) => requests.look({ window: to }, isMoving),
+      () => hit && tools.remove([hit.id]),
+    );
+  }
+
   #turn(at: Vector2) {
     const { edits, points, tools } = this.editor,
       { pane } = this,
@@ -161,7 +176,8 @@ export class PaneGestures {
 
   #move(event: PointerEvent) {
     const at = this.#placeOf(event);
-    if (this.pointer === event.pointerId) this.gesture?.move(at, slackOf(event.pointerType), event);
+    if (this.gesture && this.pointer === event.pointerId) this.gesture.move(at, slackOf(event.pointerType), event);
+    else if (!this.gesture) this.editor.status.showValue(event.pointerType === "touch" ? null : this.pane.valueAt(at));
   }
 
   #up(event: PointerEvent, isCancelled = false) {
@@ -191,7 +207,7 @@ export class PaneGestures {
   #contextMenu(event: MouseEvent) {
     event.preventDefault();
     const hit = this.#pointAt(event);
-    if (hit && isRightClick(event)) this.editor.tools.remove([hit.id]);
+    if (hit && isRightClick(event) && !this.editor.cursor.isSlice) this.editor.tools.remove([hit.id]);
   }
 
   /** Scroll through the slices, with Ctrl zoom. The wheel scrolls the page until the editor has the focus. */

@@ -7,7 +7,7 @@ const SLOW_PICTURES = 500; // milliseconds after which a message reports that pi
 const LOOK_PATIENCE = 400; // milliseconds after which a place is sent although pictures of the last one have not come
 
 /** A request for the pictures. */
-export type ViewRequest = Pick<SlicesMoved, "cursor" | "projection" | "original">;
+export type ViewRequest = Pick<SlicesMoved, "cursor" | "projection" | "original" | "window">;
 
 export class PictureRequests {
   shownCount = 0; // of the messages with pictures

@@ -2,7 +2,7 @@
 
 import { NEARLY_FOLDED } from "../generated.ts";
 import { formatLength } from "../maths/numbers.ts";
-import type { Vector3 } from "../types.ts";
+import type { Vector2, Vector3 } from "../types.ts";
 import { pageElement, setAttributes, setText } from "../ui/dom.ts";
 import type { SpaceParts } from "./parts.ts";
 
@@ -13,12 +13,20 @@ const SPACE_FOLD_TIP =
 /**
  * Remarks of Python: the least det J and the share of the volume that folds, the place where it folds most, a sentence.
  */
-export type Facts = { folds?: [number, number] | null; worst?: Vector3 | null; note?: string; isBad?: boolean };
+export type Facts = {
+  folds?: [number, number] | null;
+  worst?: Vector3 | null;
+  note?: string;
+  isBad?: boolean;
+  /** The values that are black and white. */
+  window?: Vector2;
+};
 
 export class SpaceStatus {
   facts: Facts = {};
   #line: HTMLSpanElement;
   #folds: HTMLSpanElement;
+  #value: HTMLSpanElement;
   #notes: HTMLDivElement;
 
   constructor(
@@ -29,7 +37,14 @@ export class SpaceStatus {
       state = pageElement("div", "dnb-ed-state", status);
     this.#line = pageElement("span", "dnb-ed-facts", state);
     this.#folds = pageElement("span", "dnb-ed-folds", state);
+    this.#value = pageElement("span", "dnb-ed-value", state);
     this.#notes = pageElement("div", "dnb-ed-notes", status);
+  }
+
+  /** Show the value under a pointer, whose ends are those of the window; null for none. */
+  showValue(found: { grey: number; value: number } | null) {
+    const sign = found?.grey === 0 ? "\u2264 " : found?.grey === 255 ? "\u2265 " : "";
+    setText(this.#value, found ? `value ${sign}${formatLength(found.value)}` : "");
   }
 
   /** The place where the map folds most, found by Python when the points last rested; null where nothing folds. */

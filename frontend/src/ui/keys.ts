@@ -32,6 +32,15 @@ const CHOICE_KEYS: KeyRow[] = [
   ["Enter on a point", "select it", { keys: ["Enter"] }],
 ];
 
+const VOLUME_KEYS: KeyRow[] = [
+  ["Double-click, double tap", "put a point on the visible surface"],
+  ["Drag a disc", "in the view's plane, or along the surface"],
+  ["Drag an arrow", "along that axis"],
+  ["Wheel on it, Alt + wheel", "along the ray"],
+  ["Page up, down on it", "deeper, nearer by 1 (10) voxels"],
+  ["0", "camera as at first"],
+];
+
 const HISTORY_KEYS: KeyRow[] = [
   ["Ctrl + Z", "undo", { command: "undo", keys: ["Control+z"] }],
   ["Ctrl + Y", "redo", { command: "redo", keys: ["Control+y", "Control+Shift+z"] }],
@@ -50,6 +59,7 @@ export const EDITOR_KEYS: KeyTable = [
       ["(Shift +) arrows", "move 1 (10) pixels", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
     ],
   ],
+  ["In the volume", VOLUME_KEYS],
   [
     "Several points",
     [
@@ -129,6 +139,7 @@ export const SPACE_EDITOR_KEYS: KeyTable = [
       ["Alt + Page up, down", "move points across the slices", { keys: ["Alt+PageUp", "Alt+PageDown"] }],
     ],
   ],
+  ["In the volume", [...VOLUME_KEYS, ["X, Y, Z in a drag", "along that axis only"]]],
   [
     "Several points",
     [
@@ -154,6 +165,9 @@ export const SPACE_EDITOR_KEYS: KeyTable = [
       ["Wheel, Page up, down", "go through the slices", { keys: ["PageUp", "PageDown"] }],
       ["J, double-click a point", "bring the slices to it", { command: "go", keys: ["j"] }],
       ["Click, drag a line", "move the cross-hair"],
+      ["Click a title", "this slice large, or all alike"],
+      ["Right drag", "width and level of the window"],
+      ["W", "automatic window", { command: "window", keys: ["w"] }],
     ],
   ],
   [

@@ -40,7 +40,7 @@ export function lengthText(length: number, unit: string) {
 export type Size = { width: number; height: number };
 
 /** A bar of 1, 2 or 5 times a power of ten, with its length in the volume. */
-class ScaleBar {
+export class ScaleBar {
   element: HTMLDivElement;
   text: HTMLSpanElement;
   bar: HTMLDivElement;

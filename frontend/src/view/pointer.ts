@@ -1,19 +1,20 @@
 // Pointer, wheel and keys of a view: turn, move, zoom. One finger turns, two move and zoom.
 
+import type { ScreenBox } from "../maths/space_camera.ts";
 import type { Vector2 } from "../types.ts";
 import { isInUse } from "../ui/dom.ts";
 import type { VolumeViewLike } from "./types.ts";
-/** In CSS pixels */
-export type ScreenBox = { left: number; top: number; width: number; height: number };
 
 const TURN = 2.6; // radians for a drag across the smaller side of the view
 const KEY_TURN = Math.PI / 36;
+const DOUBLE_TAP = { wait: 350, away: 24 }; // milliseconds and CSS pixels between two taps of a finger
 
 export class PointerControls {
   points = new Map<number, Vector2>(); // the places of the pointers that are down, by their ids
   moving = false;
   rest = 0;
   closed = new AbortController();
+  #tap = { at: [0, 0] as Vector2, time: -Infinity };
 
   constructor(readonly view: VolumeViewLike) {
     const { canvas } = view.elements,
@@ -32,7 +33,7 @@ export class PointerControls {
     add("pointercancel", (e) => this.up(e));
     add("wheel", (e) => this.wheel(e));
     add("dblclick", (e) => {
-      if (!view.spacePoints.doubleClick(e)) view.showView("home");
+      if (e.timeStamp - this.#tap.time > DOUBLE_TAP.wait) this.#doubleClick(e); // a tap's own came already
     });
     add("keydown", (e) => this.key(e));
   }
@@ -55,7 +56,7 @@ export class PointerControls {
   }
 
   down(event: PointerEvent) {
-    if (event.button > 1) return; // the right button is the browser's
+    if (event.button > 1 || this.view.spacePoints.press(event)) return; // the right button is the browser's
     this.view.elements.canvas.setPointerCapture(event.pointerId);
     this.view.elements.canvas.focus({ preventScroll: true });
     this.points.set(event.pointerId, [event.clientX, event.clientY]);
@@ -98,7 +99,26 @@ export class PointerControls {
     if (!this.points.delete(event.pointerId) || this.points.size) return;
     this.view.release();
     if (this.moving) this.view.writeCamera();
-    else if (event.type === "pointerup") this.view.elements.flicker.press(false);
+    else if (event.type === "pointerup") {
+      this.view.elements.flicker.press(false);
+      if (event.pointerType === "touch") this.#tapAt(event);
+    }
+  }
+
+  /** Two taps at one place are a double click. */
+  #tapAt(event: PointerEvent) {
+    const at: Vector2 = [event.clientX, event.clientY],
+      before = this.#tap;
+    const isSecond =
+      event.timeStamp - before.time < DOUBLE_TAP.wait &&
+      Math.hypot(at[0] - before.at[0], at[1] - before.at[1]) < DOUBLE_TAP.away;
+    this.#tap = { at, time: event.timeStamp };
+    if (isSecond) this.#doubleClick(event);
+  }
+
+  /** A double click puts a point on the surface; it never moves the camera. */
+  #doubleClick(event: MouseEvent) {
+    this.view.spacePoints.doubleClick(event).catch((error) => this.view.fail(error));
   }
 
   /** Zoom by a factor, keeping the place under a pointer where it is. */
@@ -118,6 +138,7 @@ export class PointerControls {
   }
 
   wheel(event: WheelEvent) {
+    if (this.view.spacePoints.wheel(event)) return;
     if (!event.ctrlKey && !event.metaKey && !isInUse(this.view.elements.canvas)) return;
     event.preventDefault();
     const pixels = event.deltaY * (event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1);

@@ -22,9 +22,9 @@ function entriesOfByte(entries: number) {
   return (entries - 1) / 255;
 }
 
-/** The opacity that such a table, red, green, blue and alpha of each entry, has for a byte. */
+/** The opacity that such a table, red, green, blue and alpha of each entry, has for a byte or a value between bytes. */
 export function opacityOfByte(rgba: Float32Array, byte: number) {
-  return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]!;
+  return rgba[4 * Math.round(entriesOfByte(rgba.length / 4) * byte) + 3]!;
 }
 
 const NEXT = [-2, -1, 0, 1, 2] as const; // the rows, or slices, that are smoothed together
