@@ -217,8 +217,9 @@ class StudioTab:
         }
 
     def _undo(self) -> None:
-        """Undo the drag, so that each begins at the same place."""
-        self.page.locator("[data-command=undo]:visible").first.click(timeout=10_000)
+        """Undo the drag, so that each begins at the same place; one that was not allowed to go anywhere was no edit."""
+        self.page.wait_for_function("!document.querySelector('.dnb-editor, .dnb-space').deformnb.sender.isBehind()")
+        self.page.evaluate("() => document.querySelector('[data-command=undo]:not([aria-disabled=true])')?.click()")
         self.rest()
 
     def trace(self, browser: Any, seconds: float, file: Path | None = None) -> dict[str, float]:

@@ -185,7 +185,7 @@ def test_a_drag_of_a_part_stops_before_the_picture_folds(open_editor: Any, pictu
     page = open_editor(Editor(picture, frame().add([94.0, 25.0], [94.0, 25.0]), parts=[BONE], stop_at_folds=True))
     choose(page)
     turn(page, 75)
-    page.wait("document.querySelector('.dnb-ed-notes').textContent.startsWith('Stopped before the picture folds')")
+    page.wait("document.querySelector('.dnb-ed-notes').textContent.startsWith('Stopped before tissue folds')")
     page.page.mouse.up()
     page.wait_answered()
     (part,) = page.editor.parts

@@ -13,6 +13,8 @@ import type { EditorParts } from "./parts.ts";
 /** isRough: found while something moved. */
 export type Folds = ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf>; isRough: boolean };
 
+const KNOWN_FITS = 6; // those of the checks of one movement that a fold stops
+
 /** Dependencies of the map on the editor. */
 export type MapEditor = EditorParts<"model" | "bus" | "frames" | "points" | "picture" | "viewport">;
 
@@ -25,8 +27,8 @@ export class EditedMap {
 
   error = ""; // the reason why the points cannot be fitted
 
-  /** The last fit, and its input. */
-  made: { points: PicturePoint[]; settings: FitSettings; layered: LayeredFit } | null = null;
+  /** The last fits, and their input: a stopped drag shows one that was made before the last. */
+  #made: { points: PicturePoint[]; settings: FitSettings; layered: LayeredFit }[] = [];
 
   /** The last good fit that is shown. */
   layered: LayeredFit | null = null;
@@ -92,14 +94,14 @@ export class EditedMap {
    * @throws {RbfError} where there is none
    */
   fitOf(points: PicturePoint[], shapes?: Partial<FitSettings>): LayeredFit {
-    const { made } = this,
-      settings = { ...this.settings, ...shapes };
-    const names = Object.keys({ ...settings, ...made?.settings }) as (keyof FitSettings)[];
-    if (made && names.every((name) => made.settings[name] === settings[name]) && samePoints(made.points, points)) {
-      return made.layered;
-    }
+    const settings: FitSettings = { ...this.settings, ...shapes };
+    const known = this.#made.find((made) => {
+      const names = Object.keys({ ...settings, ...made.settings }) as (keyof FitSettings)[];
+      return names.every((name) => made.settings[name] === settings[name]) && samePoints(made.points, points);
+    });
+    if (known) return known.layered;
     const layered = layeredFit(points, { ...settings, previous: this.layered });
-    this.made = { points, settings, layered };
+    this.#made = [{ points, settings, layered }, ...this.#made.slice(0, KNOWN_FITS - 1)];
     return layered;
   }
 
