@@ -423,6 +423,15 @@ export interface ProposedParts {
   kind: string;
 }
 
+/** Show a part of the picture, or all of it. */
+export interface ShowPart {
+  type: "see";
+  /** Place in the middle of the view; null for all of it. */
+  middle: number[] | null;
+  /** CSS pixels of a unit of length. */
+  scale: number;
+}
+
 /** Center a point. */
 export interface ShowPoint {
   type: "look";
@@ -710,6 +719,10 @@ export interface EditView {
   /** Id of the front end; at most 40 characters. */
   view: string;
   camera: CameraData;
+  /** Place in space in the middle of the view. */
+  middle?: [number, number, number];
+  /** CSS pixels of a unit of length. */
+  scale?: number;
 }
 
 /** A request to draw in Python, without WebGL. */
@@ -1116,7 +1129,7 @@ export type RegionData = PolygonData | LineData | HalfSpaceData | MaskData;
 export type EditorToPython = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest;
 
 /** Any message of Editor. */
-export type EditorToFrontEnd = EditDone | EditRefused | DrawShape | ProposedParts | ShowPoint;
+export type EditorToFrontEnd = EditDone | EditRefused | DrawShape | ProposedParts | ShowPart | ShowPoint;
 
 /** Any message of SpaceEditor. */
 export type SpaceEditorToPython = Greeting | PointsEdit | HistoryRequest | PicturesWanted | SlicesMoved | Seen;

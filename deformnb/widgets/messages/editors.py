@@ -191,6 +191,13 @@ class ShowPoint(Message, frozen=True, kw_only=True, tag="look"):
     id: Annotated[Whole, Meta(description="of the point")]
 
 
+class ShowPart(Message, frozen=True, kw_only=True, tag="see"):
+    """Show a part of the picture, or all of it."""
+
+    middle: Annotated[list[float] | None, Meta(description="place in the middle of the view; null for all of it")]
+    scale: Annotated[float, Meta(description="CSS pixels of a unit of length")] = 1.0
+
+
 class PicturesWanted(Message, frozen=True, kw_only=True, tag="hello"):
     """A new front end, which needs all pictures."""
 
@@ -253,7 +260,7 @@ EditorMessage: TypeAlias = Greeting | PointsEdit | HistoryRequest | ShapesEdit |
 EDITOR: Channel[EditorMessage] = Channel(
     ("Editor",),
     EditorMessage,
-    (EditDone, EditRefused, DrawShape, ProposedParts, ShowPoint),
+    (EditDone, EditRefused, DrawShape, ProposedParts, ShowPart, ShowPoint),
     LONGEST_EDIT,
     WindowAddress,
 )

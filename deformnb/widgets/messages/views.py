@@ -106,6 +106,8 @@ class EditView(Message, frozen=True, kw_only=True, tag="edit_view"):
 
     view: View
     camera: CameraData
+    middle: Annotated[Place3 | UnsetType, Meta(description="place in space in the middle of the view")] = UNSET
+    scale: Annotated[Finite | UnsetType, Meta(description="CSS pixels of a unit of length")] = UNSET
 
 
 class SurfaceRequest(Message, frozen=True, kw_only=True, tag="surface"):

@@ -32,10 +32,12 @@ from deformnb.widgets.boxes import Box, row
 from deformnb.widgets.cell_widgets import owned_widgets
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
+from deformnb.widgets.messages.editors import ShowPart
 from deformnb.widgets.studio.controls import button
 from deformnb.widgets.studio.history_labels import JOINING, edit_label
 from deformnb.widgets.studio.status import StudioStatus, as_html, reason_of
 from deformnb.widgets.studio.view_sync import StudioLink
+from deformnb.widgets.view.picture_plane import ViewPart
 from deformnb.widgets.worker import Worker
 
 
@@ -286,6 +288,7 @@ class StudioPicture:
     Attributes
     ----------
     milliseconds : how long the last one took; None until one was made.
+    part : of the view from which the next picture is seen; None for all of the picture.
     ways_on : the reason why the requested picture cannot be made, and two buttons; unseen while it can.
     """
 
@@ -302,6 +305,7 @@ class StudioPicture:
         self._shown = self._needed_picture()
         self._turned_to: Mapping[str, Any] | None = None
         self.milliseconds: float | None = None
+        self.part: ViewPart | None = None
         self._undo, self._reason = undo, ""
         self.ways_on = row()
         self.ways_on.is_visible = False
@@ -319,6 +323,15 @@ class StudioPicture:
         if self._reason:  # back from a picture that could not be made to the one still shown
             self._settle("")
         return False
+
+    def show_part(self) -> None:
+        """Show the part of the picture that the view shows, at the same scale; all of it where there is none."""
+        part, self.part = self.part, None
+        if part is None:
+            self._editors.plane.post(ShowPart(middle=None))
+            return
+        middle = self._session.editing.plane.to_plane(part[0])[:2].tolist()
+        self._editors.plane.post(ShowPart(middle=middle, scale=part[1]))
 
     def request_deformed(self) -> None:
         """Make the picture of the deformed volume, where it is not the picture deformed in its plane."""
@@ -383,12 +396,15 @@ class StudioPicture:
     def _set(self, needed: Any) -> None:
         start = time.perf_counter()
         made = self._editors.make_picture()
-        if self._shown[2] != needed[2]:
+        is_turned = self._shown[2] != needed[2]
+        if is_turned:
             self.turn()
         self._link.show(self._editors.current)
         self._editors.plane.deformed_picture = None  # that of another picture
         self._editors.show_picture(made)
         self._shown = needed
+        if is_turned:
+            self.show_part()
         self.request_deformed()
         self.milliseconds = (time.perf_counter() - start) * 1e3
 
@@ -432,10 +448,18 @@ class StudioEdits:
             self._timed()
         return is_done
 
-    def edit_view(self, camera: Mapping[str, Any]) -> None:
-        """Edit on the picture that a camera sees, and have the view show it by parallel rays."""
+    def edit_view(self, camera: Mapping[str, Any], part: ViewPart | None = None) -> None:
+        """Edit on the picture that a camera sees, and have the view show it by parallel rays.
+
+        Parameters
+        ----------
+        part : that the view shows, and the picture then.
+        """
+        self._picture.part = part
         self.apply_edit(lambda: self._session.edit_view(camera["direction"], camera["up"]))
         self._picture.turn()
+        if self._picture.is_visible:  # it was the picture already
+            self._picture.show_part()
 
     def points_changed(self, editor: Any, points: Any) -> None:
         """An editor has other points."""

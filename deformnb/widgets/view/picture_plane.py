@@ -6,13 +6,17 @@ from collections.abc import Callable
 from typing import Any
 
 import traitlets
+from msgspec import UNSET
 
 from deformnb.volume.plane import Plane
 from deformnb.widgets.camera import checked_camera
 from deformnb.widgets.messages.views import EditView
 
-CameraCallback = Callable[[dict[str, Any]], None]
-"""Called with the camera whose picture shall be edited, as the trait ``camera`` holds one."""
+ViewPart = tuple[tuple[float, float, float], float]
+"""Part of a view that is seen: the place in space in its middle, and the CSS pixels of a unit of length."""
+
+CameraCallback = Callable[[dict[str, Any], ViewPart | None], None]
+"""Called with the camera whose picture shall be edited, as the trait ``camera`` holds it, and the part seen by it."""
 
 
 class ShowsPlane(traitlets.HasTraits):
@@ -66,7 +70,7 @@ class ShowsPlane(traitlets.HasTraits):
         }
 
     def on_edit_view(self, callback: CameraCallback, remove: bool = False) -> None:
-        """Call ``callback(camera)`` when a user wants to edit the picture that the camera sees."""
+        """Call ``callback(camera, part)`` when a user wants to edit the picture that the camera sees."""
         if remove:
             self._edit_view_callbacks.remove(callback)
         else:
@@ -74,6 +78,9 @@ class ShowsPlane(traitlets.HasTraits):
 
     def edit_view(self, message: EditView) -> None:
         """Take the wish of a front end."""
-        camera = checked_camera(message.camera.value())
+        camera, part = checked_camera(message.camera.value()), None
+        if message.middle is not UNSET and message.scale is not UNSET and message.scale > 0:
+            x, y, z = message.middle
+            part = ((x, y, z), message.scale)
         for callback in tuple(self._edit_view_callbacks):
-            callback(camera)
+            callback(camera, part)

@@ -2,11 +2,11 @@
 // Messages to Python: edit and history, by sync/edits.js. Messages from Python: done (sender, seq), error (message),
 // draw (tool), parts (parts, kind), look (id).
 
-import type { EditorToFrontEnd } from "../generated.ts";
+import type { EditorToFrontEnd, ShowPart } from "../generated.ts";
 import { samePoints } from "../maths/points.ts";
 import { busOf } from "../sync/bus.ts";
 import type { Change } from "../sync/edits.ts";
-import type { LayeredFit, Model, PicturePoint, PointsDetail } from "../types.ts";
+import type { LayeredFit, Model, PicturePoint, PointsDetail, Vector2 } from "../types.ts";
 import { beforeActionOutside } from "../ui/dom.ts";
 import { HelpPanel } from "../ui/keys.ts";
 import { Toolbar } from "../ui/toolbar.ts";
@@ -259,6 +259,7 @@ export class EditorView extends EditorDrawing {
     if (message.type === "draw" && tools.pen.draft?.tool !== message.tool) tools.modes.setPen(message.tool);
     if (message.type === "parts" && !points.isDragging) tools.parts.propose(message.parts, message.kind);
     if (message.type === "look") this.lookAt(message.id);
+    if (message.type === "see") this.#see(message);
   }
 
   loadPicture() {
@@ -321,6 +322,13 @@ export class EditorView extends EditorDrawing {
     if (isResized)
       frames.drawNow(); // immediately: the canvas is empty
     else frames.invalidate(); // a remark of two lines may appear and vanish during a drag
+  }
+
+  /** Show a part of the picture, or all of it. */
+  #see({ middle, scale }: ShowPart) {
+    const { viewport } = this.parts;
+    if (middle) viewport.see(middle as Vector2, scale ?? 1);
+    else viewport.fit();
   }
 
   /** Show a point in the middle of the view. */

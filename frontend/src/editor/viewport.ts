@@ -106,6 +106,18 @@ export class Viewport {
     this.#keepInView();
   }
 
+  /**
+   * Show a part of the picture.
+   * @param k CSS pixels of a unit of length
+   */
+  see([a, b]: Vector2, k: number) {
+    const v = this.view,
+      fitted = this.#fittedScale;
+    v.k = Math.max(fitted / 4, Math.min(fitted * 64, k));
+    Object.assign(v, { x: v.width / 2 - v.k * a, y: v.height / 2 - v.k * b });
+    this.#keepInView();
+  }
+
   /** Keep at least a tenth of the picture in the view, or fill a tenth of it. */
   #keepInView() {
     const [a0, a1, b0, b1] = this.box(),

@@ -87,7 +87,9 @@ export class PicturePlane {
     const { view } = this;
     if (!this.#isInStudio || !view.info || this.#isReadOnly) return false;
     view.writeCamera();
-    view.messages.send({ type: "edit_view", camera: view.camera.trait });
+    const { eye, box } = view.spacePoints.camera,
+      scale = box.height / view.camera.height;
+    view.messages.send({ type: "edit_view", camera: view.camera.trait, middle: eye, scale });
     return true;
   }
 

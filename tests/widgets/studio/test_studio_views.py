@@ -147,12 +147,35 @@ def test_a_view_alone_answers_nothing() -> None:
     deliver(view, {"type": "edit_view", "view": "v", "camera": CAMERA})
     assert view.picture_plane == {}
     seen: list[Any] = []
-    view.on_edit_view(seen.append)
+
+    def take(camera: Any, part: Any) -> None:
+        seen.append((camera, part))
+
+    view.on_edit_view(take)
     deliver(view, {"type": "drawn", "view": "v", "say": {"type": "edit_view", "view": "v", "camera": CAMERA}})
-    assert seen == [CAMERA]
-    view.on_edit_view(seen.append, remove=True)
+    deliver(view, {"type": "edit_view", "view": "v", "camera": CAMERA, "middle": [1.0, 2.0, 3.0], "scale": 2.5})
+    assert seen == [(CAMERA, None), (CAMERA, ((1.0, 2.0, 3.0), 2.5))]
+    view.on_edit_view(take, remove=True)
     deliver(view, {"type": "edit_view", "view": "v", "camera": CAMERA})
-    assert len(seen) == 1
+    assert len(seen) == 2
+
+
+def test_the_picture_shows_the_part_that_the_view_shows(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[Any] = []
+    monkeypatch.setattr(studio.editor, "post", lambda message, buffers=(): sent.append(message.content()))
+    place = studio.volume.grid.index_to_point([20.0, 3.0, 9.0])
+    studio.view.camera = CAMERA
+    wish = {"type": "edit_view", "view": "v", "camera": CAMERA, "middle": place.tolist(), "scale": 9.0}
+    for _ in range(2):  # the second time it is the picture already
+        deliver(studio.view, wish)
+        studio.wait()
+        shown = [message for message in sent if message["type"] == "see"]
+        assert_allclose(shown[-1]["middle"], studio.session.editing.plane.to_plane(place)[:2])
+        assert shown[-1]["scale"] == 9.0
+    assert len(shown) == 2
+    studio.session.set_back()
+    studio.wait()
+    assert [message for message in sent if message["type"] == "see"][-1]["middle"] is None  # all of it
 
 
 def test_the_editor_shows_the_deformed_volume_where_depth_matters(studio: Studio) -> None:
