@@ -268,7 +268,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
       ["disc", 6.5],
     ]);
     const forms = ["form-case", "form"].map((name) => svgElement("path", { class: `dnb-ed-${name}` }, target));
-    const more = svgElement("g", { class: "dnb-ed-more" }, target);
+    const more = svgElement("g", { class: "dnb-ed-details" }, target);
     circles(more, [
       ["halo-case", 11],
       ["halo", 11],

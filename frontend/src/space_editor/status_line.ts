@@ -89,8 +89,8 @@ export class SpaceStatus {
     const much = share > 0 ? ` on ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %` : "";
     const words =
       least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds" : "\u2713 no folds";
-    setText(this.#folds, folds ? `${words} (${value})` : "");
-    setAttributes(this.#folds, { title: folds ? SPACE_FOLD_TIP : "" });
+    setText(this.#folds, folds ? words : "");
+    setAttributes(this.#folds, { title: folds ? `${value}. ${SPACE_FOLD_TIP}` : "" });
   }
 
   /** A next step for the user, where there is nothing to remark. */
