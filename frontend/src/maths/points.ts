@@ -3,8 +3,11 @@
 import type { Mirror, PicturePoint, Point, RegionData, ShapeKind, Shapes, Vector, Vector2 } from "../types.ts";
 import { difference, mapVector } from "./camera.ts";
 
+/** Whether two lists are equal; of a drag most points are the same objects as before. */
 export function samePoints(p: unknown, q: unknown) {
-  return p === q || JSON.stringify(p) === JSON.stringify(q);
+  const isSame = (a: unknown, b: unknown) => a === b || JSON.stringify(a) === JSON.stringify(b);
+  if (!Array.isArray(p) || !Array.isArray(q)) return isSame(p, q);
+  return p.length === q.length && p.every((one, k) => isSame(one, q[k]));
 }
 
 /** Equal for points that give the same fit. */
