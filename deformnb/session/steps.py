@@ -13,7 +13,7 @@ from deformnb.document.deformation import Step
 from deformnb.document.edits import is_edited, is_view_name, next_view_name, turn_picture
 from deformnb.errors import DeformError
 from deformnb.session.editing import Editing
-from deformnb.volume.plane import SIDES, VIEWS, Plane
+from deformnb.volume.plane import VIEWS, Plane, side_words
 from deformnb.volume.volume import Grid
 
 
@@ -178,7 +178,11 @@ class Steps:
         if plane is None:
             return "in space"
         side = self.view_of(plane)
-        return self.oblique_views().get(plane, "oblique") if side is None else SIDES[side].split(" (")[0]
+        return (
+            self.oblique_views().get(plane, "oblique")
+            if side is None
+            else side_words(side, self._editing.grid).split(" (")[0]
+        )
 
     def oblique_views(self) -> dict[Plane, str]:
         """The oblique planes of the steps, and the name of the first step on each, or "oblique" without one."""

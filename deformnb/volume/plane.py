@@ -37,6 +37,28 @@ SAME_DIRECTION = 1e-6
 """Largest difference of the unit vectors of two pictures of one side: cameras of front ends are rounded in their turns,
 and over a volume of a thousand voxels so much is a thousandth of one."""
 
+AXIS_SIDES = {
+    "+y": "along +y",
+    "-y": "along -y",
+    "+x": "along +x",
+    "-x": "along -x",
+    "-z": "along -z",
+    "+z": "along +z",
+}
+"""The same where it is not known how a body lies along the axes."""
+
+
+def side_words(view: str, grid: Grid) -> str:
+    """A viewing direction in words: a side of the patient where the directions of the grid are known, else an axis.
+
+    Examples
+    --------
+    >>> side_words("+y", Grid((4, 4, 4))), side_words("+y", Grid((4, 4, 4), is_anatomical=False))
+    ('from the front (+y)', 'along +y')
+    """
+    return (SIDES if grid.is_anatomical else AXIS_SIDES)[view]
+
+
 # Up of the picture for each viewing axis: the head (superior, +z) is up in side and front views; an axial picture has
 # the front of the patient (-y) up. Radiologists expect exactly this.
 _UP = {"x": (0.0, 0.0, 1.0), "y": (0.0, 0.0, 1.0), "z": (0.0, -1.0, 0.0)}

@@ -441,6 +441,8 @@ class Grid:
     direction : 3 x 3, columns are the directions of the x, y and z index; orthonormal.
     unit : of spacing and origin, a symbol or a name of :data:`~deformnb.volume.units.UNITS` such as "mm" or
         "micrometer", of which the symbol is stored; "" where it is not known.
+    is_anatomical : whether the axes of space are known to be a patient's or an animal's left, back and head; an
+        array and files without directions have none, and views then name the axes instead. Grids are equal without it.
 
     Raises
     ------
@@ -459,6 +461,7 @@ class Grid:
     origin: Float3 = (0.0, 0.0, 0.0)
     direction: Matrix3 = IDENTITY
     unit: str = ""
+    is_anatomical: bool = field(default=True, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", check_shape(self.shape))
@@ -888,7 +891,9 @@ class Volume:
         shape = (int(values.shape[0]), int(values.shape[1]), int(values.shape[2]))
         labels = values.dtype == np.bool_ if is_labels is None else is_labels
         notes = axis_notes + cast_notes + value_notes(values) + (label_note(values) if is_labels is None else ())
-        return cls(values, Grid(shape, as_spacing(spacing), origin, direction, unit), name, bool(labels), notes)
+        is_anatomical = direction is not IDENTITY  # else the array alone was given
+        grid = Grid(shape, as_spacing(spacing), origin, direction, unit, is_anatomical)
+        return cls(values, grid, name, bool(labels), notes)
 
     @classmethod
     def from_affine(

@@ -115,6 +115,10 @@ def tissue_test(volume: Volume, plane: Plane | None = None) -> IsTissue:
     return is_tissue
 
 
+# Of a grid whose axes are not known to be a patient's.
+_AXIS_ENDS = (("high x side", "low x side"), ("high y side", "low y side"), ("high z side", "low z side"))
+
+
 def leaving_voxels(box: Grid) -> Floats:
     """Voxels along x, y, z beyond the sides of a box, from which on foreground counts as outside."""
     most: Floats = 1.0 + LEAVES * np.array(box.shape[::-1])
@@ -133,7 +137,8 @@ def side_names(box: Grid) -> tuple[str, ...]:
     for axis in np.asarray(box.direction).T:
         for towards in (-axis, axis):
             world = int(np.abs(towards).argmax())
-            names.append(_TOWARDS[world][int(towards[world] < 0)])
+            words = _TOWARDS if box.is_anatomical else _AXIS_ENDS
+            names.append(words[world][int(towards[world] < 0)])
     return tuple(names)
 
 

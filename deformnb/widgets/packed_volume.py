@@ -130,6 +130,7 @@ class PackedVolume:
             "note": self.note,
             "share": self.share,
             "unit": unit_of(self.original),
+            "anatomical": self.original.is_anatomical,
             "views": {**views, "home": home},
         }
 

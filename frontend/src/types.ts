@@ -229,6 +229,10 @@ export interface PaneInfo extends Plane {
   /** The first and the last depth of a slice. */
   depths: Vector2;
   spacing: Vector3;
+  /** The unit of lengths, as it is shown. */
+  lengths?: string;
+  /** Whether the sides of a patient are known. */
+  anatomical?: boolean;
 }
 
 /** A point of a volume as it is drawn in a picture; `away` is its distance behind the slice. */

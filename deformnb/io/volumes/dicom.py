@@ -462,7 +462,7 @@ def _series_header(path: Path, slices: list[_Slice], notes: tuple[str, ...], une
         shape,
         dtype,
         blocks,
-        Geometry(spacing, triple(first.place.position.tolist()), rows),
+        Geometry(spacing, triple(first.place.position.tolist()), rows, is_anatomical=True),
         notes=notes,
         unit="mm",
         working_bytes=max(2 * one.path.stat().st_size for one in slices) if first.frames > 1 else 0,

@@ -126,12 +126,14 @@ class Geometry:
     Parameters
     ----------
     affine : 4 x 4 LPS map of indices (i, j, k), for files that have one instead of the three.
+    is_anatomical : whether the file states where a patient's left, back and head are.
     """
 
     spacing: Float3 = (1.0, 1.0, 1.0)
     origin: Float3 = (0.0, 0.0, 0.0)
     direction: Matrix3 = IDENTITY
     affine: NDArray[np.float64] | None = None
+    is_anatomical: bool = False
 
 
 @dataclass(frozen=True)
@@ -191,9 +193,10 @@ class Header:
         try:
             if stated.affine is not None:
                 grid = Grid.from_affine(self.shape, stated.affine, self.unit)
+                grid = replace(grid, is_anatomical=stated.is_anatomical)
                 return (grid if spacing is None else replace(grid, spacing=spacing)), notes
             lengths, direction, notes = straighten(stated.spacing if spacing is None else spacing, stated.direction)
-            return Grid(self.shape, lengths, stated.origin, direction, self.unit), notes
+            return Grid(self.shape, lengths, stated.origin, direction, self.unit, stated.is_anatomical), notes
         except DeformError as error:
             raise fail(self.path, str(error)) from error
 

@@ -170,7 +170,7 @@ def read_header(path: Path) -> Header:
         shape,
         dtype,
         blocks,
-        Geometry(spacing, origin, direction),
+        Geometry(spacing, origin, direction, is_anatomical="?" not in fields.get("anatomicalorientation", "?")),
         is_labels=labels,
         notes=notes,
         layout=layout,

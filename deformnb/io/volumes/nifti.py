@@ -178,7 +178,7 @@ def read_header(path: Path) -> Header:
         shape,
         dtype,
         blocks,
-        Geometry(spacing, origin, direction, affine),
+        Geometry(spacing, origin, direction, affine, is_anatomical=max(fields.codes) > 0),
         slope,
         intercept,
         is_labels=True if fields.intent == LABEL_INTENT else None,

@@ -192,8 +192,14 @@ def read_header(path: Path) -> Header:
         notes=notes + unit_notes,
         layout=layout,
         unit=unit,
-        geometry=Geometry(**affine),
+        geometry=Geometry(**affine, is_anatomical=_is_of_patient(fields)),
     )
+
+
+def _is_of_patient(fields: Mapping[str, str]) -> bool:
+    """Check whether the axes of the space are those of a patient."""
+    space = fields.get("space", "").lower()
+    return space in _SPACES and _SPACES_OF_PATIENTS.search(space) is not None
 
 
 def segment_keys(path: Path) -> dict[str, str]:
@@ -344,8 +350,7 @@ def _unit(path: Path, fields: dict[str, str], axes: list[int]) -> tuple[str, NDA
     """
     name = "spaceunits" if "spaceunits" in fields else "units"
     if name not in fields:
-        is_patient = fields.get("space", "").lower() in _SPACES and _SPACES_OF_PATIENTS.search(fields["space"].lower())
-        return "mm" if is_patient else "", np.ones(3), ()
+        return "mm" if _is_of_patient(fields) else "", np.ones(3), ()
     words = [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|(\S+)', fields[name])]
     wanted = list(range(min(3, len(words)))) if name == "spaceunits" else axes[:3]
     if not wanted or max(wanted) >= len(words):

@@ -534,7 +534,12 @@ def _header(path: Path, level: Level, pyramid: Pyramid) -> Header:
         level.grid.shape,
         dtype,
         lambda: _blocks(parts, depth, found),
-        Geometry(level.grid.spacing, level.grid.origin, level.grid.direction),
+        Geometry(
+            level.grid.spacing,
+            level.grid.origin,
+            level.grid.direction,
+            is_anatomical=level.grid.direction != IDENTITY,
+        ),
         is_labels=pyramid.is_labels,
         notes=notes,
         unit=level.grid.unit,

@@ -97,7 +97,7 @@ def _geometry(side: Path, fields: dict[str, Any]) -> tuple[dict[str, Any], tuple
             raise fail(side, "the field 'is_labels' should be true or false.")
         known["is_labels"] = fields["is_labels"]
     unit, notes = parse_unit(fields.get("unit", ""))
-    return known | {"geometry": Geometry(**place), "unit": unit}, notes
+    return known | {"geometry": Geometry(**place, is_anatomical="direction" in place), "unit": unit}, notes
 
 
 def _shape(side: Path, fields: dict[str, Any]) -> list[int]:

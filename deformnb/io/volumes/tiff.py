@@ -568,7 +568,9 @@ def _annotate(header: Header, text: str) -> Header:
         raise fail(header.path, f"its annotations of deformnb are damaged: {printable(error, 200)}") from error
     return replace(
         header,
-        geometry=replace(header.geometry, origin=frame.origin, direction=frame.direction),
+        geometry=replace(
+            header.geometry, origin=frame.origin, direction=frame.direction, is_anatomical=rows != IDENTITY
+        ),
         is_labels=True if found.get("labels") == ["yes"] else header.is_labels,
     )
 

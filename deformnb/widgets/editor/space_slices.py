@@ -24,7 +24,7 @@ from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
 from deformnb.widgets.messages.editors import SliceProjection
-from deformnb.widgets.packed_volume import packed_volume
+from deformnb.widgets.packed_volume import packed_volume, unit_of
 
 PANES = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
 """Viewing directions of the three pictures and what radiologists call them; a nose points up or to the left."""
@@ -51,12 +51,16 @@ class Pane:
     plane : of the first slice; depth runs along its normal.
     box : (a0, a1, b0, b1, c0, c1), outer faces of the volume in the plane's coordinates.
     spacing : of voxels along u, v and the normal.
+    lengths : their unit, as it is shown.
+    is_anatomical : whether the sides of a patient are known.
     """
 
     name: str
     plane: Plane
     box: tuple[float, ...]
     spacing: tuple[float, float, float]
+    lengths: str = ""
+    is_anatomical: bool = True
 
     @classmethod
     def of(cls, grid: Grid, view: str) -> Pane:
@@ -66,7 +70,8 @@ class Pane:
         low, high = corners.min(axis=0), corners.max(axis=0)
         axes = np.abs(plane.frame @ np.asarray(grid.direction)).argmax(axis=1)
         u, v, n = (float(grid.spacing[k]) for k in axes)
-        return cls(PANES[view], plane, tuple(float(x) for pair in zip(low, high, strict=True) for x in pair), (u, v, n))
+        box = tuple(float(x) for pair in zip(low, high, strict=True) for x in pair)
+        return cls(PANES[view], plane, box, (u, v, n), unit_of(grid), grid.is_anatomical)
 
     @property
     def depths(self) -> tuple[float, float]:
@@ -104,6 +109,8 @@ class Pane:
             "box": list(self.box),
             "depths": list(self.depths),
             "spacing": list(self.spacing),
+            "lengths": self.lengths,
+            "anatomical": self.is_anatomical,
         }
 
 

@@ -25,6 +25,7 @@ from deformnb.rbf.support import lone_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelDisplay
+from deformnb.volume.plane import side_words
 from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, line, row
@@ -404,7 +405,9 @@ class PicturePanel(Panel):
         basic.set_visible(self._depth, self.session.pictures.method == "slice" and not in_space)
         basic.set_visible(self._back, not in_space and self.session.steps.view is None)
         views = [(name, f"{_VIEW}{k}") for k, name in enumerate(self.session.steps.oblique_views().values())]
-        fill(self._side, PARAMETERS["view"].menu + views + ([_IN_SPACE] if in_space else []))  # type: ignore[attr-defined]
+        grid = self.session.editing.grid
+        sides = [(side_words(view, grid), view) for _, view in PARAMETERS["view"].menu]  # type: ignore[attr-defined]
+        fill(self._side, sides + views + ([_IN_SPACE] if in_space else []))  # type: ignore[attr-defined]
 
 
 def step_badge(session: Session) -> str:

@@ -102,7 +102,7 @@ def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
     """Facts that a front end needs to turn a camera around a volume: its axes, its sides and the visible box."""
     shown = PackedVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
     info = shown.info()
-    names = ("axes", "views", "origin", "spacing", "to_frame", "unit")
+    names = ("axes", "views", "origin", "spacing", "to_frame", "unit", "anatomical")
     return {**{name: info[name] for name in names}, "box": shown.box(output), "own": shown.box()}
 
 

@@ -98,7 +98,6 @@ export class EditorView extends EditorDrawing {
       () => parts.picture.framed,
     );
     panels.names = new NamePrompt(parts);
-    this.stage.element.append(messages.tip, messages.alert);
     panels.help = new HelpPanel(this.stage.element, root, () => this.stage.focus());
     parts.picture = new ShownPicture(parts);
     parts.points = new EditedPoints(parts);
@@ -136,6 +135,7 @@ export class EditorView extends EditorDrawing {
     layers.nodes = new GridNodes(parts);
     panels.status = new StatusLine(parts);
     offerTools(bus, pictureViewTools(parts), this.stage.closing.signal);
+    panels.status.root.append(messages.alert, messages.tip); // in the place of the advice, not over the picture
     root.append(messages.liveRegion);
     Object.assign(root, { deformnb: this }); // for tests and for debugging
     this.#followModel();

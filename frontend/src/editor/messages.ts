@@ -1,7 +1,7 @@
 // Messages over the picture of an editor, temporary hints, and texts for screen readers.
 
 import type { Sender } from "../sync/edits.ts";
-import { pageElement, setText } from "../ui/dom.ts";
+import { buttonElement, named, pageElement, setText } from "../ui/dom.ts";
 
 /** Messages about a kernel that does not answer, by the sender's status. */
 const NO_ANSWER: Record<string, string> = {
@@ -46,6 +46,7 @@ export class Messages {
     clearTimeout(this.#alertTimer);
     this.alert.hidden = !message;
     this.alert.textContent = message;
+    if (message) buttonElement("dnb-ed-close", this.alert, "\u00d7", () => this.show(""), named("Close this message"));
     if (isPassing)
       this.#alertTimer = setTimeout(() => {
         this.alert.hidden = true;

@@ -26,6 +26,7 @@ export type StatusEditor = EditorParts<
 
 /** The line's elements and their texts. */
 export class StatusLine {
+  root: HTMLDivElement;
   slice: HTMLSpanElement;
   facts: HTMLSpanElement;
   legend: HTMLSpanElement;
@@ -35,14 +36,14 @@ export class StatusLine {
   legendKey = ""; // of the status shown
 
   constructor(readonly editor: StatusEditor) {
-    const root = pageElement("div", "dnb-ed-status", editor.stage.root);
-    const state = pageElement("div", "dnb-ed-state", root); // one line, and below it the next step
+    this.root = pageElement("div", "dnb-ed-status", editor.stage.root);
+    const state = pageElement("div", "dnb-ed-state", this.root); // one line, and below it the next step
     this.slice = pageElement("span", "dnb-ed-slice", state, { title: "the slice, and its depth from the middle" });
     this.facts = pageElement("span", "dnb-ed-facts", state);
     this.legend = pageElement("span", "dnb-ed-legend", state, { role: "img" });
     this.value = pageElement("span", "dnb-ed-value", state, { title: VALUE_TIP });
     this.folds = pageElement("span", "dnb-ed-folds", state);
-    this.notes = pageElement("div", "dnb-ed-notes", root);
+    this.notes = pageElement("div", "dnb-ed-notes", this.root);
   }
 
   /** Such as "slice 57 / 128, 12.0 mm"; empty where the picture is no slice. */

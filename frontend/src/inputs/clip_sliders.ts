@@ -12,7 +12,7 @@ const THINNEST = 0.02; // of the box: a part can always be taken hold of again
 const SIDE_WORDS: Record<string, string> = { L: "left", R: "right", A: "front", P: "back", S: "top", I: "bottom" };
 
 /** The trait `volume_info`, as far as it is needed here; empty before there is a volume. */
-export type VolumeInfo = { axes?: Matrix3 };
+export type VolumeInfo = { axes?: Matrix3; anatomical?: boolean };
 
 /** The lower or the upper end of the visible part. */
 type End = 0 | 1;
@@ -28,7 +28,10 @@ type Row = {
 
 /** The direction in space of an index axis. */
 const axisOf = ([x, y, z]: Matrix3, i: Axis): Vector3 => [x[i], y[i], z[i]];
-const sideWords = (letters: string) => [...letters].map((letter) => SIDE_WORDS[letter]).join(" and ");
+const sideWords = (letters: string) =>
+  letters in SIDE_WORDS || /^[A-Z]+$/.test(letters)
+    ? [...letters].map((letter) => SIDE_WORDS[letter]).join(" and ")
+    : `end at ${letters}`;
 
 /** The clip that removes the half of the visible part towards a viewer. */
 function clipTowards(direction: Vector3, axes: Matrix3): Clip {
@@ -126,7 +129,7 @@ export class ClipSliders {
   show() {
     const {
       clip,
-      info: { axes },
+      info: { anatomical, axes },
     } = this;
     this.root.classList.toggle("dnb-clip-idle", !axes);
     this.whole.disabled = !isClipped(clip);
@@ -134,7 +137,7 @@ export class ClipSliders {
     for (const axis of AXES) {
       const { from, to, track, ends, value } = this.rows[axis];
       const along = axisOf(axes, axis),
-        sides: Ends<string> = [sideOf(scaled(along, -1)), sideOf(along)],
+        sides: Ends<string> = [sideOf(scaled(along, -1), anatomical), sideOf(along, anatomical)],
         [low, high] = clip[axis];
       setText(from, sides[0]);
       setText(to, sides[1]);

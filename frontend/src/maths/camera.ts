@@ -120,12 +120,18 @@ export class Camera {
   }
 }
 
-/** The side of a patient of a direction in space, one or two letters: "L", "PS". */
-export function sideOf([x, y, z]: Vector3) {
+/**
+ * The side of a patient of a direction in space, one or two letters: "L", "PS"; where the sides are not known its axes:
+ * "+x", "+y+z".
+ */
+export function sideOf([x, y, z]: Vector3, isAnatomical = true) {
+  const [left, back, top] = isAnatomical ? ["RL", "AP", "IS"] : ["x", "y", "z"],
+    name = (letters: string, value: number) =>
+      isAnatomical ? letters[value < 0 ? 0 : 1]! : `${value < 0 ? "\u2212" : "+"}${letters}`;
   const sides = [
-    { way: Math.abs(x), name: x < 0 ? "R" : "L" },
-    { way: Math.abs(y), name: y < 0 ? "A" : "P" },
-    { way: Math.abs(z), name: z < 0 ? "I" : "S" },
+    { way: Math.abs(x), name: name(left!, x) },
+    { way: Math.abs(y), name: name(back!, y) },
+    { way: Math.abs(z), name: name(top!, z) },
   ].sort((p, q) => q.way - p.way);
   return sides
     .filter(({ way }, k) => k === 0 || (k === 1 && way > 0.45))

@@ -122,7 +122,6 @@ export class SpaceEditorView extends EditorDrawing {
     }
     parts.row.element.append(parts.row.veil);
     parts.names = new NamePrompt({ frames, stage: parts.row });
-    parts.row.element.append(messages.tip, messages.alert);
     parts.help = new HelpPanel(
       parts.row.element,
       root,
@@ -131,6 +130,7 @@ export class SpaceEditorView extends EditorDrawing {
     );
     parts.status = new SpaceStatus(parts, root);
     offerTools(busOf(model), spaceViewTools(parts), parts.row.closing.signal);
+    parts.status.root.append(messages.alert, messages.tip);
     root.append(messages.liveRegion);
     Object.assign(root, { deformnb: this }); // for tests and debugging
     this.#followModel();

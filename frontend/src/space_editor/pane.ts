@@ -95,7 +95,7 @@ export class SpacePane {
         "the cross-hair; page up and down go through the slices; question mark lists the keys.",
     );
     [scaled(u, -1), u, scaled(v, -1), v].forEach((way, k) => {
-      setText(this.letters[k]!, sideOf(way));
+      setText(this.letters[k]!, sideOf(way, this.info.anatomical));
     });
     setAttributes(this.slider, { min: depths[0], max: depths[1], step: spacing[2], "aria-label": `${name} slice` });
     this.slider.hidden = !isSlice;

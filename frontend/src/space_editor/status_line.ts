@@ -24,6 +24,7 @@ export type Facts = {
 
 export class SpaceStatus {
   facts: Facts = {};
+  root: HTMLDivElement;
   #line: HTMLSpanElement;
   #folds: HTMLSpanElement;
   #value: HTMLSpanElement;
@@ -33,12 +34,12 @@ export class SpaceStatus {
     readonly editor: SpaceParts<"model" | "points" | "edits" | "cursor">,
     root: HTMLElement,
   ) {
-    const status = pageElement("div", "dnb-ed-status", root),
-      state = pageElement("div", "dnb-ed-state", status);
+    this.root = pageElement("div", "dnb-ed-status", root);
+    const state = pageElement("div", "dnb-ed-state", this.root);
     this.#line = pageElement("span", "dnb-ed-facts", state);
     this.#folds = pageElement("span", "dnb-ed-folds", state);
     this.#value = pageElement("span", "dnb-ed-value", state);
-    this.#notes = pageElement("div", "dnb-ed-notes", status);
+    this.#notes = pageElement("div", "dnb-ed-notes", this.root);
   }
 
   /** Show the value under a pointer, whose ends are those of the window; null for none. */

@@ -24,6 +24,7 @@ const MENUS = [
   ["export", "Export"],
 ] as const;
 const PANES = ["picture", "volume"] as const;
+const FACTS = 28; // CSS pixels of the line over a message of the picture, and of the space around it
 const MOST_FOOT = 0.4; // of the panes' height, beyond which messages are scrolled
 const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two are side by side
 
@@ -173,6 +174,11 @@ class StudioHead extends Widget {
     const shown = [...panes.querySelectorAll<HTMLElement>(":scope > :is(.dnb-studio-start, .dnb-studio-messages)")];
     for (const box of shown) this.sizes.observe(box);
     const heights = shown.map((box) => [...box.children].reduce((sum, part) => sum + part.scrollHeight, 0));
+    const alert = panes.querySelector<HTMLElement>(".dnb-pane-picture .dnb-ed-status > .dnb-ed-alert");
+    if (alert) {
+      this.sizes.observe(alert);
+      heights.push(alert.hidden ? 0 : alert.offsetHeight + FACTS);
+    }
     const most = Math.min(Math.max(0, ...heights), MOST_FOOT * panes.clientHeight);
     panes.style.setProperty("--dnb-foot-side", `${Math.ceil(most)}px`);
   }

@@ -3,7 +3,7 @@
 
 import { cross, dot, scaled } from "../maths/camera.ts";
 import type { Vector2, Vector3 } from "../types.ts";
-import { buttonElement, iconElement, named, pageElement, svgElement } from "./dom.ts";
+import { buttonElement, iconElement, named, pageElement, setAttributes, svgElement } from "./dom.ts";
 import { SIDES, type Side } from "./view_parts.ts";
 
 const CUBE_SIDE = 27; // half an edge; the drawing is 100 wide and an edge-on cube must fit
@@ -14,10 +14,11 @@ const unit = (a: Vector3) => scaled(a, 1 / Math.hypot(...a));
 export class OrientationCube {
   root: HTMLDivElement;
   svg: SVGSVGElement;
-  faces: { view: Side; group: SVGGElement; sheet: SVGRectElement }[];
+  faces: { view: Side; group: SVGGElement; sheet: SVGRectElement; letter: SVGTextElement; title: SVGTitleElement }[];
   arrows: { path: SVGPathElement; x: number; y: number; view: Side | null }[];
   bar: HTMLDivElement | undefined;
   home: HTMLDivElement | undefined;
+  isAnatomical = true; // whether the faces bear letters of a patient's sides
 
   /** @param choose called with the name of a view */
   constructor(parent: Element, choose: (view: Side) => void, home: () => void) {
@@ -51,11 +52,11 @@ export class OrientationCube {
 
   #face([view, letter, title]: (typeof SIDES)[number], choose: (view: Side) => void) {
     const group = svgElement("g", { class: "dnb-face", "data-view": view }, this.svg);
-    svgElement("title", {}, group, `${title} (${view})`);
+    const words = svgElement("title", {}, group, `${title} (${view})`);
     const sheet = svgElement("rect", { x: -10, y: -10, width: 20, height: 20 }, group);
-    svgElement("text", { "text-anchor": "middle", y: 4.4 }, group, letter);
+    const text = svgElement("text", { "text-anchor": "middle", y: 4.4 }, group, letter);
     group.addEventListener("click", () => choose(view));
-    return { view, group, sheet };
+    return { view, group, sheet, letter: text, title: words };
   }
 
   /** The same for the keyboard and for screen readers: out of sight until one of them has the focus. */
@@ -79,11 +80,30 @@ export class OrientationCube {
     buttonElement(`dnb-button ${name}`, this.home ?? null, iconElement(path), action, named(tip));
   }
 
+  /** Name the faces by the sides of a patient, or by the axes that look at the viewer. */
+  #name(isAnatomical: boolean) {
+    this.isAnatomical = isAnatomical;
+    const buttons = this.bar?.querySelectorAll("button") ?? [];
+    SIDES.forEach(([view, letter, words], k) => {
+      const face = this.faces[k]!,
+        text = isAnatomical ? letter : `${view[0] === "+" ? "\u2212" : "+"}${view[1]}`,
+        way = isAnatomical ? words : `along ${view}`;
+      face.letter.textContent = text;
+      face.title.textContent = isAnatomical ? `${words} (${view})` : way;
+      const button = buttons[k];
+      if (!button) return;
+      button.textContent = text;
+      setAttributes(button, { title: face.title.textContent, "aria-label": `view ${way}` });
+    });
+  }
+
   /** Draw the cube as the camera sees it. All vectors are in space. */
   draw(
     views: Record<Side, { direction: Vector3; up: Vector3 }>,
     { direction, up, right }: { direction: Vector3; up: Vector3; right: Vector3 },
+    isAnatomical = true,
   ) {
+    if (isAnatomical !== this.isAnatomical) this.#name(isAnatomical);
     const sides = this.faces.map(({ view, group, sheet }) => {
       const n = scaled(unit(views[view].direction), -1),
         top = unit(views[view].up),

@@ -278,16 +278,19 @@ export class Frames {
    * Write the letters of the directions and the scale.
    * @param unit of lengths; without one there is no scale
    * @param box of the view
+   * @param isAnatomical whether the sides of a patient are known
    */
   write(
     camera: { right: Vector3; up: Vector3; height: number; bend: number },
     unit?: string | null | undefined,
     box: Size = { width: 0, height: 0 },
+    isAnatomical = true,
   ) {
     const { right, up } = camera;
     this.scale.write(camera, unit, box, this.frames.filter(({ frame }) => !frame.hidden).length || 1);
     const ways = { left: scaled(right, -1), right, top: up, bottom: scaled(up, -1) };
-    for (const { letters } of this.frames) for (const side of LETTER_SIDES) setText(letters[side], sideOf(ways[side]));
+    for (const { letters } of this.frames)
+      for (const side of LETTER_SIDES) setText(letters[side], sideOf(ways[side], isAnatomical));
   }
 }
 

@@ -43,6 +43,8 @@ export interface VolumeInfo {
   share: number;
   note: string;
   unit: string;
+  /** Whether the sides of a patient are known. */
+  anatomical?: boolean;
   /** Directions of view by the name of a side, and "home". */
   views: Record<ViewName, ViewDirection>;
 }

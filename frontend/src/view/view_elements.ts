@@ -139,8 +139,8 @@ export class ViewElements {
     const state = JSON.stringify([right, up, direction, height, bend, info, this.box, shown]);
     if (state === this.followed) return;
     this.followed = state;
-    this.frames.write(camera, info.unit, this.box);
-    this.cube.draw(info.views, camera);
+    this.frames.write(camera, info.unit, this.box, info.anatomical);
+    this.cube.draw(info.views, camera, info.anatomical);
   }
 
   close() {
