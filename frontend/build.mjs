@@ -19,6 +19,7 @@ const DISCONNECTED = "ui/disconnected.css";
 
 const VIEW = [
   "view/live_view.css",
+  "ui/saved_picture.css",
   "ui/compare.css",
   "view/volume_view.css",
   "ui/theme.css",
@@ -63,7 +64,7 @@ const WIDGETS = {
   file_input: ["inputs/file_input.ts", "inputs/file_input.css"],
   restore_bar: ["inputs/restore_bar.ts", "inputs/restore_bar.css"],
   boxes: ["studio/boxes.ts", "studio/boxes.css"],
-  studio_head: ["studio/head.ts", "studio/studio.css"],
+  studio_head: ["studio/head.ts", "studio/studio.css", "ui/saved_picture.css"],
 };
 
 // Scripts of pages without Jupyter, which nothing imports.
@@ -71,7 +72,14 @@ const PAGES = {
   app: ["app/app.ts", "app/app.css"],
   access: ["app/access.ts"],
   start: ["app/start.ts"],
-  remote: ["app/remote.ts", "view/live_view.css", "ui/compare.css", "view/volume_view.css", "app/remote.css"],
+  remote: [
+    "app/remote.ts",
+    "view/live_view.css",
+    "ui/saved_picture.css",
+    "ui/compare.css",
+    "view/volume_view.css",
+    "app/remote.css",
+  ],
   standalone: ["standalone.ts", "inputs/clip_sliders.css", "standalone.css"],
   file_page: ["file_page.ts", "inputs/clip_sliders.css", "standalone.css", "file_page.css"],
 };

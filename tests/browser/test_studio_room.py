@@ -151,3 +151,39 @@ def test_a_second_fit_shows_the_whole_picture(page: Any) -> None:
         scales.append(page.evaluate(f"() => {viewport}.view.k"))
     assert scales[1] < scales[0]
     assert scales[2] == pytest.approx(scales[0])
+
+
+CAMERAS = {
+    "volume": (".dnb-pane-volume .dnb-screenshot", ".dnb-canvas"),
+    "picture": (".dnb-pane-camera", ".dnb-ed-stage"),
+}
+
+
+@pytest.mark.parametrize("pane", list(CAMERAS))
+@pytest.mark.parametrize("is_transparent", [False, True])
+def test_a_camera_saves_its_pane_at_twice_the_size(page: Any, pane: str, is_transparent: bool) -> None:
+    from PIL import Image
+
+    opener, shown = CAMERAS[pane]
+    page.set_viewport_size({"width": 1000, "height": 700})
+    page.wait_for_function(AT_REST, timeout=PATIENCE)
+    box = page.locator(f".dnb-pane-{pane} {shown}").bounding_box()
+    before = page.evaluate("() => document.querySelector('.dnb-view').deformnb.caster.size.join()")
+    page.locator(opener).click()
+    menu = page.locator(".dnb-saved:visible")
+    menu.get_by_label("Scale bar").set_checked(True)
+    menu.get_by_label("Transparent ground").set_checked(is_transparent)
+    with page.expect_download(timeout=20_000) as saved:  # within 3 s, but where other programs have the processors
+        menu.get_by_role("button", name="Save PNG").click()
+    menu.wait_for(state="hidden")
+    image = Image.open(saved.value.path())
+    assert image.size == pytest.approx((2 * box["width"], 2 * box["height"]), abs=2)
+    pixels = np.asarray(image.convert("RGBA")).astype(float)
+    seen = pixels[..., :3].max(axis=-1) > 100
+    assert 0.05 < seen.mean() < 0.9  # the object
+    corner = pixels[4:12, 4:12]
+    assert corner[..., 3].max() == 0 if is_transparent else corner[..., 3].min() == 255
+    bar = pixels[-60:-24, -260:-24, :3].min(axis=-1) > 240  # of the scale, white at the lower right
+    assert bar.any()
+    page.wait_for_function(AT_REST, timeout=PATIENCE)
+    assert page.evaluate("() => document.querySelector('.dnb-view').deformnb.caster.size.join()") == before

@@ -3,9 +3,11 @@
 // Messages to Python: save; a menu that is opened, whose panel is made then. Undo and redo are the editor's.
 
 import type { EditorDrawing } from "../editor/base.ts";
+import { pictureSnapshot, type SavedEditor } from "../editor/snapshot.ts";
 import type { MenuRequest, SaveRequest } from "../generated.ts";
 import type { Model } from "../types.ts";
 import { buttonElement, iconElement, named, OWN_KEYS, pageElement, setText, viewOf } from "../ui/dom.ts";
+import { SavedPictureMenu } from "../ui/saved_picture.ts";
 import { Widget, widgetOf } from "../ui/widget.ts";
 import { showInLanguage } from "../ui/words.ts";
 import { nameControls } from "./accessible_names.ts";
@@ -16,6 +18,7 @@ const ICONS = {
   redo: "M10 3l3 3-3 3M13 6H7a3.5 3.5 0 0 0 0 7h3",
   full: "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10",
   alone: "M9.5 2.5h4v4M13.5 2.5L9 7M6.5 13.5h-4v-4M2.5 13.5L7 9",
+  camera: "M2.5 5h2.3l1-1.5h4.4l1 1.5h2.3v8h-11zM8 6.5a2.4 2.4 0 1 1-.01 0",
   help: "M5.7 5.9a2.3 2.3 0 1 1 3.4 2c-.8.5-1.1.9-1.1 1.8M8 12.2v.1",
 };
 const MENUS = [
@@ -189,9 +192,11 @@ class StudioHead extends Widget {
     if (!(title instanceof HTMLElement) || title.querySelector(".dnb-pane-alone")) return;
     const toggle = () => show(!panes.classList.contains(`dnb-panes-${name}`));
     const button = buttonElement("dnb-pane-alone", title, iconElement(ICONS.alone), toggle);
+    if (name === "picture") this.#addCamera(title);
     const show = (isAlone: boolean) => {
       for (const other of PANES) panes.classList.toggle(`dnb-panes-${other}`, isAlone && other === name);
-      for (const other of panes.querySelectorAll(".dnb-pane-alone")) other.setAttribute("aria-pressed", "false");
+      for (const other of panes.querySelectorAll(".dnb-pane-alone:not(.dnb-pane-camera)"))
+        other.setAttribute("aria-pressed", "false");
       button.setAttribute("aria-pressed", String(isAlone));
       button.title = isAlone ? "Picture and volume" : `Only the ${name}`;
       button.setAttribute("aria-label", `Only the ${name}`);
@@ -209,6 +214,33 @@ class StudioHead extends Widget {
       button.remove();
     });
     show(false);
+  }
+
+  /** The camera of the picture, next to the button that gives its pane the place of both. */
+  #addCamera(title: HTMLElement) {
+    const words = "Save a picture of the picture pane (PNG)";
+    const opener = buttonElement(
+      "dnb-pane-alone dnb-pane-camera",
+      title,
+      iconElement(ICONS.camera),
+      () => menu.toggle(),
+      named(words),
+    );
+    const menu: SavedPictureMenu = new SavedPictureMenu(
+      opener,
+      title,
+      () => `${this.model.get("name")} picture`,
+      async (wanted) => {
+        const editor = this.#editor;
+        return editor && "parts" in editor ? pictureSnapshot(editor.parts as SavedEditor, wanted) : null;
+      },
+      (message) => this.#editor?.messages.show(message, true),
+    );
+    this.closing.signal.addEventListener("abort", () => {
+      menu.close();
+      menu.root.remove();
+      opener.remove();
+    });
   }
 
   close() {

@@ -77,7 +77,7 @@ export class OrientationCube {
    * @param path of its icon, 16 x 16
    */
   addButton(name: string, path: string, tip: string, action: () => void) {
-    buttonElement(`dnb-button ${name}`, this.home ?? null, iconElement(path), action, named(tip));
+    return buttonElement(`dnb-button ${name}`, this.home ?? null, iconElement(path), action, named(tip));
   }
 
   /** Name the faces by the sides of a patient, or by the axes that look at the viewer. */

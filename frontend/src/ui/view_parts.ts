@@ -11,7 +11,7 @@ const NO_SCALE =
   "In perspective no length holds for the whole picture: near objects are larger. " + "Parallel views have a scale.";
 
 /** The largest of 1, 2, 5 times a power of ten that is at most so long. */
-function roundLength(most: number) {
+export function roundLength(most: number) {
   const ten = 10 ** Math.floor(Math.log10(most) + 1e-9);
   return ten * ([5, 2, 1].find((n) => n * ten <= most * (1 + 1e-9)) ?? 1);
 }

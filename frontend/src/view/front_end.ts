@@ -1,6 +1,7 @@
 // The front end of a volume, for any renderer: its elements, messages, camera, pointer and points in space.
 
 import type { Model, Vector2 } from "../types.ts";
+import type { SavedPicture } from "../ui/saved_picture.ts";
 import type { Shows, ViewName } from "../ui/view_parts.ts";
 import { PicturePlane } from "./picture_plane.ts";
 import { PointerControls } from "./pointer.ts";
@@ -37,7 +38,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
       flip: (layer) => this.flip(layer),
       handleComparison: () => this.handleComparison(),
       resized: () => this.size(),
-      picture: () => this.picture(),
+      picture: (wanted) => this.picture(wanted),
     });
     this.shown = this.elements.shows;
     this.camera = new ViewCamera(this);
@@ -59,8 +60,8 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
   /** The line or the slider between original and deformed was moved. */
   abstract handleComparison(): void;
 
-  /** A screenshot as a PNG; null for none. */
-  abstract picture(): Promise<Blob | null>;
+  /** The picture that the camera button saves, as a PNG; null for none. */
+  abstract picture(wanted: SavedPicture): Promise<Blob | null>;
 
   /** Draw again, as something has changed. `held`: a finger or a button is still down. */
   abstract touch(held?: boolean): void;

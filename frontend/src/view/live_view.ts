@@ -6,6 +6,7 @@ import type { FieldMaps, LiveViewToFrontEnd, ScreenshotRequest } from "../genera
 import { clipOf, isClipped } from "../maths/clipping.ts";
 import type { Model, Vector2 } from "../types.ts";
 import { setText } from "../ui/dom.ts";
+import type { SavedPicture } from "../ui/saved_picture.ts";
 import { closerOf, picturesOf, remarksOn, renderStats } from "../ui/view_parts.ts";
 import { RayCaster } from "../webgl/raycaster.ts";
 import type { Picture } from "../webgl/types.ts";
@@ -15,6 +16,7 @@ import { LiveField } from "./live_field.ts";
 import { Movies } from "./movie_frames.ts";
 import { FrameLoop } from "./render_loop.ts";
 import { StillPicture } from "./server_view.ts";
+import { snapshot } from "./snapshot.ts";
 import type { Bytes, VolumeInfo } from "./types.ts";
 import { floatsOf } from "./volume_loader.ts";
 import { LiveVoxels } from "./voxels.ts";
@@ -300,9 +302,14 @@ export class LiveVolumeView extends VolumeFrontEnd {
     else confirm();
   }
 
-  /** A screenshot as a PNG, drawn in full. */
-  async picture(): Promise<Blob | null> {
+  async picture(wanted: SavedPicture): Promise<Blob | null> {
     if (this.still) return this.still.image.src ? (await fetch(this.still.image.src)).blob() : null;
+    const { caster, elements, loop } = this;
+    return loop && caster?.isReady ? snapshot({ caster, elements, loop }, wanted) : null;
+  }
+
+  /** What is on the screen as a PNG, drawn in full. */
+  async #drawnPicture(): Promise<Blob | null> {
     if (!this.loop || !this.caster?.isReady) return null;
     this.loop.drawNow();
     return new Promise((resolve) => {
@@ -311,7 +318,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
   }
 
   async screenshot({ id }: ScreenshotRequest) {
-    const blob = this.still ? null : await this.picture();
+    const blob = this.still ? null : await this.#drawnPicture();
     if (blob) this.messages.send({ type: "screenshot", id }, [await blob.arrayBuffer()]);
   }
 

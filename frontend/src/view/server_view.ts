@@ -6,8 +6,10 @@ import type { FrameSent, ToServerRenderer, TrameAddress, VolumeViewToFrontEnd } 
 import { COMPARISONS, LARGEST_SIDE } from "../generated.ts";
 import type { Model, ModelHandler, Vector2 } from "../types.ts";
 import { pageElement } from "../ui/dom.ts";
+import { pngOf, type SavedPicture, savedCanvas } from "../ui/saved_picture.ts";
 import { closerOf } from "../ui/view_parts.ts";
 import { VolumeFrontEnd } from "./front_end.ts";
+import { addScale } from "./snapshot.ts";
 import type { Bytes, VolumeInfo } from "./types.ts";
 import type { ViewElements, ViewMessages } from "./view_elements.ts";
 import { bytesOf } from "./volume_loader.ts";
@@ -68,11 +70,15 @@ export class ServerVolumeView extends VolumeFrontEnd {
     this.paint();
   }
 
-  async picture(): Promise<Blob | null> {
+  async picture({ hasScale }: SavedPicture): Promise<Blob | null> {
     if (!this.drawn) return null;
-    return new Promise((done) => {
-      this.elements.canvas.toBlob(done, "image/png");
-    });
+    const { elements } = this,
+      saved = savedCanvas(elements.box),
+      context = saved.getContext("2d")!;
+    context.imageSmoothingQuality = "high";
+    context.drawImage(elements.canvas, 0, 0, saved.width, saved.height);
+    if (hasScale) addScale(context, elements);
+    return pngOf(saved);
   }
 
   wait(text: string) {

@@ -3,8 +3,9 @@
 import type { LiveViewToPython, VolumeViewToPython } from "../generated.ts";
 import type { Handlers, Model, ModelHandler, Without } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
-import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
+import { OWN_KEYS, pageElement } from "../ui/dom.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
+import { type SavedPicture, SavedPictureMenu } from "../ui/saved_picture.ts";
 import { Theme } from "../ui/theme.ts";
 import {
   altText,
@@ -33,8 +34,8 @@ export interface ElementActions {
   /** The line between original and deformed was moved, or the slider of their mixture */
   handleComparison: () => void;
   resized: () => void;
-  /** A screenshot as a PNG; null for none */
-  picture: () => Promise<Blob | null>;
+  /** The picture that the camera button saves, as a PNG; null for none */
+  picture: (wanted: SavedPicture) => Promise<Blob | null>;
 }
 
 /** The canvas and the elements around it: captions, directions, scale, cube, a remark and a notice. */
@@ -66,10 +67,15 @@ export class ViewElements {
     // Of the picture in CSS pixels, as last laid out: measuring again lays out the page in every frame of a drag.
     this.box = { width: 0, height: 0 };
     this.cube = new OrientationCube(this.root, actions.showView, () => actions.showView("home"));
-    this.cube.addButton("dnb-screenshot", SCREENSHOT, "Save a picture of the view (PNG)", () =>
-      this.#save(actions.picture).catch((error) =>
-        this.showMessage(`The picture could not be saved: ${error.message}`),
-      ),
+    const camera = this.cube.addButton("dnb-screenshot", SCREENSHOT, "Save a picture of the view (PNG)", () =>
+      pictures.toggle(),
+    );
+    const pictures: SavedPictureMenu = new SavedPictureMenu(
+      camera,
+      this.root,
+      () => String(this.model.get("label") || "volume"),
+      actions.picture,
+      (message) => this.showMessage(message),
     );
     this.cube.addButton("dnb-full", FULL_SCREEN, "Whole screen", () => {
       if (document.fullscreenElement) document.exitFullscreen();
@@ -82,14 +88,6 @@ export class ViewElements {
     this.compare = new CompareControls(this.root, actions.handleComparison);
     this.observer = new ResizeObserver(actions.resized);
     this.observer.observe(this.root);
-  }
-
-  async #save(picture: ElementActions["picture"]) {
-    const blob = await picture(),
-      label = String(this.model.get("label") || "volume");
-    const name = label.replace(/[^\p{L}\p{N}-]+/gu, "_").replace(/^_|_$/g, "");
-    if (blob) saveFile(blob, `${name || "volume"}.png`);
-    else this.showMessage("There is no picture yet.");
   }
 
   /** The mode of comparison: a value of the trait. */

@@ -26,10 +26,13 @@ export type Cells = { of: unknown[]; size: Vector3; edge: Vector3; low: Vector3 
 const LONG = 1.25; // a step of more voxels than this may lead so far below a surface that its slope differs
 const FEWEST_SEEN = 4; // samples of tissue beyond a side of the box that are no speck
 
-export type Background = "dark" | "light";
+export type Background = "dark" | "light" | "black" | "white";
 
 export const BACKGROUNDS: Record<Background, { centre: Vector3; corner: Vector3; ink: Vector3 }> = {
   dark: { centre: [0.118, 0.126, 0.147], corner: [0.052, 0.056, 0.067], ink: [0.97, 0.96, 0.93] },
+  // Of pictures without a ground, which is found by the difference.
+  black: { centre: [0, 0, 0], corner: [0, 0, 0], ink: [0.97, 0.96, 0.93] },
+  white: { centre: [1, 1, 1], corner: [1, 1, 1], ink: [0.97, 0.96, 0.93] },
   light: { centre: [0.957, 0.96, 0.965], corner: [0.85, 0.857, 0.87], ink: [0.09, 0.1, 0.13] },
 };
 
