@@ -6,6 +6,7 @@ import { buttonElement, named, OWN_KEYS, pageElement, saveFile, setAttributes } 
 export type SavedPicture = { hasScale: boolean; isTransparent: boolean };
 
 export const ENLARGED = 2; // times the pane's size in CSS pixels
+const FONT = ["600", `${12 * ENLARGED}px`, "sans-serif"].join(" "); // of the text of a scale bar
 
 /** What was chosen last, for all menus of the page. */
 const CHOSEN: SavedPicture = { hasScale: false, isTransparent: false };
@@ -34,7 +35,7 @@ export function drawScale(context: CanvasRenderingContext2D, text: string, lengt
     right = width - 14 * k,
     bottom = height - 14 * k;
   context.save();
-  context.font = `600 ${12 * k}px system-ui, sans-serif`;
+  context.font = FONT;
   context.textAlign = "right";
   context.lineJoin = "round";
   for (const [colour, line] of [

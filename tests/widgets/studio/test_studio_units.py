@@ -22,7 +22,7 @@ def block(unit: str, spacing: float) -> Volume:
     return Volume.from_array(values, spacing, unit=unit, name="block")
 
 
-def units_shown(studio: Studio) -> dict[str, Any]:
+def visible_units(studio: Studio) -> dict[str, Any]:
     """The unit of each place that shows lengths now."""
     (head,) = (child for child in studio.children if isinstance(child, StudioHead))
     numbers = head.facts.split(" \u00b7 ")[1].split(" ")
@@ -40,7 +40,7 @@ def units_shown(studio: Studio) -> dict[str, Any]:
 def test_all_places_show_one_unit(unit: str, spacing: float, shown: str) -> None:
     studio = Studio(block(unit, spacing), side="+y")
     try:
-        assert set(units_shown(studio).values()) == {shown}
+        assert set(visible_units(studio).values()) == {shown}
         for method in ("slice", "mean", "composite"):
             studio.session.pictures.method = method
             assert unit_of(studio.session.pictures.picture().grid) == shown
