@@ -342,6 +342,24 @@ def _as_tuple(value: Any, name: str) -> tuple[Any, ...]:
         raise DeformError(f"the {name} of a step must be {what}, got {short_value(value)}.") from None
 
 
+_OTHER_SIZE = 3.0  # between the diagonals of two volumes: of two scans of one kind of body they differ less
+
+
+def _size_difference(made: VolumeReference, here: Grid) -> str:
+    """A sentence on two volumes of very different sizes, to follow another; empty where they are similar."""
+    was = np.multiply(made.shape[::-1], made.spacing)
+    factor = here.diagonal / float(np.linalg.norm(was))
+    if 1 / _OTHER_SIZE <= factor <= _OTHER_SIZE:
+        return ""
+    then, now = (" x ".join(f"{length:.3g}" for length in lengths) for lengths in (was, here.lengths))
+    times = f"{factor:.3g} times larger" if factor > 1 else f"{1 / factor:.3g} times smaller"
+    unit = here.unit and f" {here.unit}"
+    return (
+        f" Its volume measures {then}{unit}, this one {now}{unit}: it is {times}, and the points lie in another part "
+        'of it. The alignment "box" (deformnb replay --align box, deformnb.document.transplant) scales them to it.'
+    )
+
+
 @dataclass(frozen=True)
 class VolumeReference:
     """Reference to the volume of a document: enough to find it again and to notice that it changed.
@@ -793,7 +811,7 @@ class Deformation:
             name = short_value(made.name) if made.name else "without a name"
             return (
                 f"This document was made on another volume ({name}, {' x '.join(map(str, made.shape[::-1]))} "
-                "voxels); its points may be at another place."
+                f"voxels); its points may be at another place.{_size_difference(made, here)}"
             )
         if (made.grid or replace(here, spacing=made.spacing)).is_like(here):  # before 1.2 it had no place
             return ""

@@ -165,3 +165,15 @@ def test_the_box_of_the_result_is_laid_on_the_other_volume_as_well() -> None:
     document = replace(document_on(small, step), output=small.crop((0, -1, 0), (8, 9, 12)))
     assert transplant(document, large, "box").output == large.crop((0, -2, 0), (8, 18, 24))
     assert transplant(document, large).output == document.output
+
+
+def test_a_body_twenty_times_larger_is_said_with_both_sizes() -> None:
+    small = Grid((8, 8, 8), unit="mm")
+    made = VolumeReference("mouse", small.shape, small.spacing, "0" * 64, small.origin, small.direction, "mm")
+    document = Deformation(volume=made)
+    told = document.difference(Grid((16, 16, 16), (10.0, 10.0, 10.0), unit="mm"))
+    assert "Its volume measures 8 x 8 x 8 mm, this one 160 x 160 x 160 mm: it is 20 times larger" in told
+    assert "--align box" in told
+    assert "8 times smaller" in document.difference(Grid((2, 2, 2), (0.5, 0.5, 0.5), unit="mm"))
+    assert "measures" not in document.difference(Grid((10, 10, 10), unit="mm"))
+    assert "it is 20 times" in document.difference(Grid((16, 16, 16), (1e4, 1e4, 1e4), unit="\u00b5m"))
