@@ -105,7 +105,7 @@ def test_the_last_tools_are_reachable_on_a_phone_and_nothing_lies_over_the_objec
         for button in page.locator(".dnb-studio-panes .dnb-ed-button").all():
             if not button.is_visible():
                 continue
-            button.scroll_into_view_if_needed()
+            button.evaluate("(button) => button.scrollIntoView({ block: 'center' })")
             assert button.evaluate("""(button) => { const { left, top, width, height } = button.getBoundingClientRect();
                 return button.contains(document.elementFromPoint(left + width / 2, top + height / 2)); }""")
     page.set_viewport_size({"width": 390, "height": 844})
