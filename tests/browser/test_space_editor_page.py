@@ -312,3 +312,35 @@ def test_a_ring_marks_the_worst_fold_in_all_pictures(open_editor: Callable[..., 
     editor.page.wait(f"{PAGE}.parts.status.facts.folds[0] > 0")
     editor.wait_settled()
     assert editor.js(rings) == ["hidden"] * 3
+
+
+def test_a_title_makes_its_slice_large_and_a_right_drag_changes_the_window(open_editor: Callable[..., Opened]) -> None:
+    editor = open_editor()
+
+    def areas() -> list[float]:
+        boxes = [editor.page.page.locator(".dnb-sp-stage").nth(k).bounding_box() for k in range(3)]
+        return [box["width"] * box["height"] for box in boxes]
+
+    editor.page.page.get_by_role("button", name="coronal").click()
+    editor.page.wait(f"{PAGE}.model.get('large_slice') === 1")
+    editor.wait_settled()
+    assert editor.editor.large_slice == 1
+    others = areas()
+    assert others.pop(1) > 3 * max(others)
+    low, high = editor.js(f"{PAGE}.parts.status.facts.window")
+    x, y = editor.to_screen(1, editor.editor.cursor)
+    editor.mouse.move(x + 20, y + 20)
+    editor.mouse.down(button="right")
+    editor.mouse.move(x + 80, y + 20, steps=4)
+    editor.mouse.up(button="right")
+    editor.page.wait(f"!{PAGE}.parts.requests.pending && {PAGE}.parts.status.facts.window[1] > {high}")
+    window = editor.editor.window
+    assert window[1] - window[0] == pytest.approx((high - low) * np.exp(60 / 150), rel=0.02)  # as on a picture
+    assert sum(window) == pytest.approx(low + high, abs=0.02 * (high - low))
+    editor.page.page.keyboard.press("w")
+    editor.page.wait(f"Math.abs({PAGE}.parts.status.facts.window[1] - {high}) < 1e-9")
+    assert editor.editor.window == []
+    editor.page.page.get_by_role("button", name="coronal").click()
+    editor.page.wait(f"{PAGE}.model.get('large_slice') === -1")
+    editor.wait_settled()
+    assert max(areas()) < 1.2 * min(areas())
