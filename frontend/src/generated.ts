@@ -136,6 +136,7 @@ export const LONGEST_EDIT = 1048576;
 
 // deformnb/widgets/messages/editors.py
 export const LONGEST_KIND = 80;
+export const MOST_NAMED = 64;
 export const WINDOWS_AROUND = 16;
 
 // deformnb/widgets/messages/shapes.py
@@ -392,6 +393,21 @@ export interface WandRequest {
   through: boolean;
 }
 
+/** The pointer of a window, for the others that show the editor. */
+export interface WindowPointer {
+  type: "pointer";
+  /** Id of the window; 1 to 40 characters. */
+  window: string;
+  /** On the picture; null away from it. */
+  at?: [number, number] | null;
+  /** Ids of the points that it is dragging; at most 64 items. */
+  drags?: number[];
+  /** Ids of the points that it has moved now; at most 64 items. */
+  moved?: number[];
+  /** Whether it is being closed. */
+  leaves?: boolean;
+}
+
 /** Confirmation of a message, after all callbacks have run. */
 export interface EditDone {
   type: "done";
@@ -437,6 +453,21 @@ export interface ShowPoint {
   type: "look";
   /** Of the point; from 0. */
   id: number;
+}
+
+/** A window's pointer, as all windows receive it. */
+export interface OtherPointer {
+  type: "pointer";
+  /** Id of the window; 1 to 40 characters. */
+  window: string;
+  /** On the picture; null away from it. */
+  at: [number, number] | null;
+  /** Ids of the points that it is dragging; at most 64 items. */
+  drags: number[];
+  /** Ids of the points that it has moved now; at most 64 items. */
+  moved: number[];
+  /** Whether it is being closed. */
+  leaves: boolean;
 }
 
 /** A new front end, which needs all pictures. */
@@ -1126,10 +1157,10 @@ export interface CutData {
 export type RegionData = PolygonData | LineData | HalfSpaceData | MaskData;
 
 /** Any message of Editor. */
-export type EditorToPython = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest;
+export type EditorToPython = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest | WindowPointer;
 
 /** Any message of Editor. */
-export type EditorToFrontEnd = EditDone | EditRefused | DrawShape | ProposedParts | ShowPart | ShowPoint;
+export type EditorToFrontEnd = EditDone | EditRefused | DrawShape | ProposedParts | ShowPart | ShowPoint | OtherPointer;
 
 /** Any message of SpaceEditor. */
 export type SpaceEditorToPython = Greeting | PointsEdit | HistoryRequest | PicturesWanted | SlicesMoved | Seen;

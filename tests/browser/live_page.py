@@ -48,7 +48,7 @@ function makeModel(name, state) {
       model.saved.push(state);
       tell(name, "state", JSON.stringify(state), []);
     },
-    send(content, callbacks, buffers) { model.sent.push(content);
+    send(content, callbacks, buffers) { if (content?.type !== "pointer") model.sent.push(content);
       tell(name, "message", JSON.stringify(content), (buffers || []).map(packed)); },
     on(e, f) { (calls[e] ??= []).push(f); },
     off(e, f) { if (calls[e]) calls[e] = calls[e].filter((g) => g !== f); },

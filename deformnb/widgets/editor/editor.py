@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 import traitlets
+from msgspec.structs import asdict
 from numpy.typing import NDArray
 
 from deformnb.checks import check_window
@@ -43,11 +44,13 @@ from deformnb.widgets.messages.editors import (
     DrawShape,
     EditRefused,
     FromWindow,
+    OtherPointer,
     ProposedParts,
     ShapeChoice,
     ShapesEdit,
     ShowPoint,
     WandRequest,
+    WindowPointer,
 )
 from deformnb.widgets.messages.shapes import ShapesTrait, place_of, shapes_to_json, track_index
 from deformnb.widgets.messages.traits import OVERLAYS
@@ -438,6 +441,9 @@ class Editor(EditedPoints):
         self._wand_callbacks.append(callback)
 
     def take_message(self, message: Any, buffers: Any = ()) -> None:
+        if isinstance(message, WindowPointer):  # to all windows, the sender among them, which waits for its own
+            self.post(OtherPointer(**asdict(message)))
+            return
         if not isinstance(message, WandRequest):
             super().take_message(message, buffers)
             return

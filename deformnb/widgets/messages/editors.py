@@ -172,6 +172,26 @@ class WandRequest(Message, frozen=True, kw_only=True, tag="wand"):
     through: Annotated[bool, Meta(description="whether in the volume instead of in the picture")]
 
 
+MOST_NAMED = 64
+"""Points at most that a message of a pointer names."""
+
+_Ids = Annotated[list[Whole], Meta(max_length=MOST_NAMED)]
+
+
+class WindowPointer(Message, frozen=True, kw_only=True, tag="pointer"):
+    """The pointer of a window, for the others that show the editor."""
+
+    window: Window
+    at: Annotated[Place2 | None, Meta(description="on the picture; null away from it")] = None
+    drags: Annotated[_Ids, Meta(description="ids of the points that it is dragging")] = []  # noqa: RUF012
+    moved: Annotated[_Ids, Meta(description="ids of the points that it has moved now")] = []  # noqa: RUF012
+    leaves: Annotated[bool, Meta(description="whether it is being closed")] = False
+
+
+class OtherPointer(WindowPointer, frozen=True, kw_only=True, tag="pointer"):
+    """A window's pointer, as all windows receive it."""
+
+
 class DrawShape(Message, frozen=True, kw_only=True, tag="draw"):
     """Start drawing a shape."""
 
@@ -256,11 +276,13 @@ class WindowAddress(Struct, frozen=True):
     seq: Counted
 
 
-EditorMessage: TypeAlias = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest
+EditorMessage: TypeAlias = (
+    Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest | WindowPointer
+)
 EDITOR: Channel[EditorMessage] = Channel(
     ("Editor",),
     EditorMessage,
-    (EditDone, EditRefused, DrawShape, ProposedParts, ShowPart, ShowPoint),
+    (EditDone, EditRefused, DrawShape, ProposedParts, ShowPart, ShowPoint, OtherPointer),
     LONGEST_EDIT,
     WindowAddress,
 )

@@ -28,6 +28,7 @@ import { HitTest } from "./hit_test.ts";
 import { MarkGrips } from "./mark_grips.ts";
 import { Modes } from "./modes.ts";
 import { NamePrompt } from "./name_prompt.ts";
+import { OtherWindows } from "./others.ts";
 import { GHOST_TRAITS, Ghost, OVERLAY_TRAITS, Overlay } from "./overlays.ts";
 import { PartTools } from "./part_tools.ts";
 import type { Parts } from "./parts.ts";
@@ -133,6 +134,7 @@ export class EditorView extends EditorDrawing {
     tools.keys = new EditorKeys(parts);
     frames.listen(root, "keydown", (event) => tools.keys.press(event), { signal: this.stage.closing.signal });
     layers.nodes = new GridNodes(parts);
+    tools.others = new OtherWindows(parts);
     panels.status = new StatusLine(parts);
     offerTools(bus, pictureViewTools(parts), this.stage.closing.signal);
     panels.status.root.append(messages.alert, messages.tip); // in the place of the advice, not over the picture
@@ -401,6 +403,7 @@ export class EditorView extends EditorDrawing {
       marks = (p: PicturePoint) => tools.shapes.markOf(p);
     if (layers.handles.update(shown, points.selected, viewport.view, radius, reach, marks) || lost.length)
       stage.focus();
+    tools.others.place();
     layers.marks.update({
       mirror: tools.points.mirror.state,
       view: viewport.view,

@@ -24,6 +24,7 @@ import type { MarkGrips } from "./mark_grips.ts";
 import type { Messages } from "./messages.ts";
 import type { Modes } from "./modes.ts";
 import type { NamePrompt } from "./name_prompt.ts";
+import type { OtherWindows } from "./others.ts";
 import type { Ghost, Overlay } from "./overlays.ts";
 import type { PartTools } from "./part_tools.ts";
 import type { PointDrag } from "./point_drag.ts";
@@ -48,6 +49,7 @@ export interface Tools {
   modes: Modes;
   points: PointTools;
   drag: PointDrag;
+  others: OtherWindows;
   turns: PointTurns;
   strokes: PointStrokes;
   shapes: ShapeTools;

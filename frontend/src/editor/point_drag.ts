@@ -45,7 +45,7 @@ function limitMove(
 /** Dependencies of drags on the editor. */
 export type DragEditor = EditorParts<
   "model" | "sender" | "frames" | "messages" | "viewport" | "points" | "map",
-  "foldStop" | "points",
+  "foldStop" | "others" | "points",
   "handles" | "nodes"
 >;
 
@@ -87,6 +87,10 @@ export class PointDrag implements PointDragger {
     const free = freeIds(drag0, includeRims(drag0, ids));
     if (!free.length) {
       editor.tools.points.hintLocked([id]);
+      return;
+    }
+    if (editor.points.list === drag0 && editor.tools.others.holds(free)) {
+      editor.messages.hint(`${rbfLabel(drag0.find((p) => p.id === id) ?? drag0[0]!)} is being moved in another window`);
       return;
     }
     const way = this.#snapMove(id, by, what, isLoose),

@@ -440,3 +440,13 @@ function mirrorPoint<V extends Vector>(
   const isSame = old && samePoints(old.source, p.source);
   return { ...partner, active: p.active, source: isSame ? partner.source : source, target };
 }
+
+/** Ids of the points that are elsewhere than before, or new. */
+export function changedIds<V extends Vector>(before: Point<V>[], after: Point<V>[]) {
+  const was = new Map(before.map((point) => [point.id, point]));
+  const isChanged = ({ id, source, target }: Point<V>) => {
+    const old = was.get(id);
+    return !old || `${old.source} ${old.target}` !== `${source} ${target}`;
+  };
+  return after.filter(isChanged).map(({ id }) => id);
+}

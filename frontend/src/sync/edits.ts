@@ -19,9 +19,10 @@ import type {
   ShapeChoice,
   ValueEdit,
   WandRequest,
+  WindowPointer,
 } from "../generated.ts";
 import { LONGEST_EDIT } from "../generated.ts";
-import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.ts";
+import { changedIds, cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.ts";
 import type { Bus, Model, ModelHandler, Point, ShapeData, ShapeKind, Shapes, Vector, Without } from "../types.ts";
 import { History } from "./undo_list.ts";
 
@@ -92,7 +93,10 @@ class EditChannel {
     this.events.next();
   }
 
-  send(group: "move" | "end", content: Without<Exclude<EditorToPython, WandRequest>, "sender" | "seq">) {
+  send(
+    group: "move" | "end",
+    content: Without<Exclude<EditorToPython, WandRequest | WindowPointer>, "sender" | "seq">,
+  ) {
     this.seq += 1;
     this.waiting[group].add(this.seq);
     this.clock.cancel(this.#timer);
@@ -178,6 +182,8 @@ export class Sender<V extends Vector = Vector> {
   nextId = 0;
   models: { model: Model; handlers: Record<string, ModelHandler> }[] = [];
   listeners = new Set<(what: Change) => void>();
+  /** Called with the ids of the points that an edit of this window has moved or added */
+  editListeners = new Set<(ids: number[]) => void>();
   history: History<State<V>> = new History();
   pending: {
     move: { points: Point<V>[]; part?: MovedPart } | null;
@@ -400,6 +406,10 @@ export class Sender<V extends Vector = Vector> {
       : { kind, joins, points, ...settings };
     if (fit) this.#changeFit(fit);
     this.lastAt = this.clock.now();
+    if (this.editListeners.size) {
+      const ids = changedIds(this.points, points);
+      for (const edited of this.editListeners) edited(ids);
+    }
     this.#take(points);
     this.#next();
   }
