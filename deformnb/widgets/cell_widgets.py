@@ -29,6 +29,8 @@ _MAKING = threading.RLock()  # ipywidgets notifies one listener of new widgets
 # the widgets of that run.
 CELL_WIDGETS: dict[tuple[str, str], tuple[str, list[weakref.ref[Any]]]] = defaultdict(lambda: ("", []))
 
+_LAST_RESULTS = ("_", "__", "___")
+
 _IS_PART = ContextVar("_IS_PART", default=False)
 
 
@@ -66,8 +68,32 @@ def close_earlier_of_this_cell(widget: Any) -> None:
                 if hasattr(earlier, "forward_view"):
                     earlier.forward_view(widget)
                 earlier.close()
+                _forget_output(earlier)
         shown = []
     CELL_WIDGETS[cell] = (run, [*shown, weakref.ref(widget)])
+
+
+def _forget_output(widget: Any) -> None:
+    """Take a closed widget out of the results of cells that IPython stores, which would hold its volume for good.
+
+    Those are ``Out``, ``_12`` and the last three, ``_`` to ``___``, which become empty texts, as they are at first.
+    """
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    stored: list[dict[str, Any]] = [getattr(shell, name, {}) for name in ("user_ns", "user_ns_hidden")]
+    outputs = stored[0].get("_oh", {})
+    for number in [number for number, value in outputs.items() if value is widget]:
+        del outputs[number]
+    for names in stored:
+        for name in [name for name, value in names.items() if name.startswith("_") and value is widget]:
+            if name in _LAST_RESULTS:
+                names[name] = ""
+            else:
+                del names[name]
+    hook = getattr(shell, "displayhook", None)
+    for name in _LAST_RESULTS:
+        if getattr(hook, name, None) is widget:
+            setattr(hook, name, "")
 
 
 def _cell_and_run() -> tuple[str, str] | None:

@@ -87,6 +87,26 @@ def test_ten_runs_leave_one_widget_and_its_threads(cell: Cell, make: Callable[[]
     last.close()
 
 
+def test_results_that_ipython_stores_do_not_hold_what_is_closed(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    from IPython.core.interactiveshell import InteractiveShell
+
+    shell = InteractiveShell()
+    shell.user_ns["make"] = a_live_view
+    monkeypatch.setattr("IPython.get_ipython", lambda: shell)
+    gone: list[weakref.ref[Any]] = []
+    for _ in range(3):
+        cell.again()
+        shell.run_cell("made = make()\nmade", store_history=True)
+        gone.append(weakref.ref(shell.user_ns["made"]))
+        wait_for(lambda: gc.collect() >= 0 and not any(value() for value in gone[:-1]))
+    shell.run_cell("7 * 6", store_history=True)
+    assert shell.user_ns["_"] == 6 * 7
+    assert list(shell.user_ns["Out"]) == [3, 4]
+    shell.user_ns["made"].close()
+    shell.reset()
+    shell.history_manager.end_session()
+
+
 def test_widgets_of_one_run_and_of_other_cells_and_kinds_stay(cell: Cell) -> None:
     a, b = LiveView(a_volume()), LiveView(a_volume())
     editor = SpaceEditor(a_volume())
