@@ -80,7 +80,7 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     page.wait_for_function("document.querySelectorAll('.dnb-studio .jupyter-widgets-disconnected').length > 20")
     assert (
         page.evaluate("""() => [...document.querySelectorAll('.jupyter-widgets-disconnected')]
-        .filter((element) => getComputedStyle(element, '::before').content !== 'none').length""")
+        .filter((element) => !['none', '""'].includes(getComputedStyle(element, '::before').content)).length""")
         == 0
     )
     assert page.locator(".dnb-ed-stage").bounding_box()["height"] > 100
