@@ -393,19 +393,19 @@ export interface WandRequest {
   through: boolean;
 }
 
-/** The pointer of a window, for the others that show the editor. */
+/** The pointer of a window, which all windows that show the editor receive. */
 export interface WindowPointer {
   type: "pointer";
   /** Id of the window; 1 to 40 characters. */
   window: string;
   /** On the picture; null away from it. */
-  at?: [number, number] | null;
+  at: [number, number] | null;
   /** Ids of the points that it is dragging; at most 64 items. */
-  drags?: number[];
+  drags: number[];
   /** Ids of the points that it has moved now; at most 64 items. */
-  moved?: number[];
+  moved: number[];
   /** Whether it is being closed. */
-  leaves?: boolean;
+  leaves: boolean;
 }
 
 /** Confirmation of a message, after all callbacks have run. */
@@ -453,21 +453,6 @@ export interface ShowPoint {
   type: "look";
   /** Of the point; from 0. */
   id: number;
-}
-
-/** A window's pointer, as all windows receive it. */
-export interface OtherPointer {
-  type: "pointer";
-  /** Id of the window; 1 to 40 characters. */
-  window: string;
-  /** On the picture; null away from it. */
-  at: [number, number] | null;
-  /** Ids of the points that it is dragging; at most 64 items. */
-  drags: number[];
-  /** Ids of the points that it has moved now; at most 64 items. */
-  moved: number[];
-  /** Whether it is being closed. */
-  leaves: boolean;
 }
 
 /** A new front end, which needs all pictures. */
@@ -1160,7 +1145,7 @@ export type RegionData = PolygonData | LineData | HalfSpaceData | MaskData;
 export type EditorToPython = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest | WindowPointer;
 
 /** Any message of Editor. */
-export type EditorToFrontEnd = EditDone | EditRefused | DrawShape | ProposedParts | ShowPart | ShowPoint | OtherPointer;
+export type EditorToFrontEnd = EditDone | EditRefused | DrawShape | ProposedParts | ShowPart | ShowPoint | WindowPointer;
 
 /** Any message of SpaceEditor. */
 export type SpaceEditorToPython = Greeting | PointsEdit | HistoryRequest | PicturesWanted | SlicesMoved | Seen;

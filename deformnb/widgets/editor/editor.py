@@ -18,7 +18,6 @@ from typing import Any, Literal
 
 import numpy as np
 import traitlets
-from msgspec.structs import asdict
 from numpy.typing import NDArray
 
 from deformnb.checks import check_window
@@ -44,7 +43,6 @@ from deformnb.widgets.messages.editors import (
     DrawShape,
     EditRefused,
     FromWindow,
-    OtherPointer,
     ProposedParts,
     ShapeChoice,
     ShapesEdit,
@@ -442,7 +440,7 @@ class Editor(EditedPoints):
 
     def take_message(self, message: Any, buffers: Any = ()) -> None:
         if isinstance(message, WindowPointer):  # to all windows, the sender among them, which waits for its own
-            self.post(OtherPointer(**asdict(message)))
+            self.post(message)
             return
         if not isinstance(message, WandRequest):
             super().take_message(message, buffers)

@@ -179,17 +179,13 @@ _Ids = Annotated[list[Whole], Meta(max_length=MOST_NAMED)]
 
 
 class WindowPointer(Message, frozen=True, kw_only=True, tag="pointer"):
-    """The pointer of a window, for the others that show the editor."""
+    """The pointer of a window, which all windows that show the editor receive."""
 
     window: Window
     at: Annotated[Place2 | None, Meta(description="on the picture; null away from it")] = None
     drags: Annotated[_Ids, Meta(description="ids of the points that it is dragging")] = []  # noqa: RUF012
     moved: Annotated[_Ids, Meta(description="ids of the points that it has moved now")] = []  # noqa: RUF012
     leaves: Annotated[bool, Meta(description="whether it is being closed")] = False
-
-
-class OtherPointer(WindowPointer, frozen=True, kw_only=True, tag="pointer"):
-    """A window's pointer, as all windows receive it."""
 
 
 class DrawShape(Message, frozen=True, kw_only=True, tag="draw"):
@@ -282,7 +278,7 @@ EditorMessage: TypeAlias = (
 EDITOR: Channel[EditorMessage] = Channel(
     ("Editor",),
     EditorMessage,
-    (EditDone, EditRefused, DrawShape, ProposedParts, ShowPart, ShowPoint, OtherPointer),
+    (EditDone, EditRefused, DrawShape, ProposedParts, ShowPart, ShowPoint, WindowPointer),
     LONGEST_EDIT,
     WindowAddress,
 )

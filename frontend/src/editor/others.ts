@@ -4,7 +4,7 @@
 // A window announces itself when it opens; the others answer. A pointer is sent while there is somebody to see it, and the
 // next one when Python has returned the last, so that a busy Python gets no row of them.
 
-import type { OtherPointer, WindowPointer } from "../generated.ts";
+import type { WindowPointer } from "../generated.ts";
 import { MOST_NAMED } from "../generated.ts";
 import { changedIds } from "../maths/points.ts";
 import { rbfLabel } from "../maths/rbf.ts";
@@ -43,7 +43,7 @@ export class OtherWindows {
   constructor(readonly editor: OthersEditor) {
     const { model, sender, stage } = editor,
       { signal } = stage.closing;
-    const receive = (message: OtherPointer) => {
+    const receive = (message: WindowPointer) => {
       if (message?.type === "pointer") this.#receive(message);
     };
     model.on("msg:custom", receive);
@@ -126,7 +126,7 @@ export class OtherWindows {
     }
   }
 
-  #receive({ window: id, at, drags, moved, leaves }: OtherPointer) {
+  #receive({ window: id, at, drags, moved, leaves }: WindowPointer) {
     const { sender } = this.editor;
     if (id === sender.channel.id) {
       this.#isWaiting = false;
