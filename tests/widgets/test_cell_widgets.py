@@ -90,7 +90,8 @@ def test_ten_runs_leave_one_widget_and_its_threads(cell: Cell, make: Callable[[]
 def test_results_that_ipython_stores_do_not_hold_what_is_closed(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
     from IPython.core.interactiveshell import InteractiveShell
 
-    shell = InteractiveShell()
+    make_shell: Any = InteractiveShell  # which has no types
+    shell = make_shell()
     shell.user_ns["make"] = a_live_view
     monkeypatch.setattr("IPython.get_ipython", lambda: shell)
     gone: list[weakref.ref[Any]] = []
