@@ -114,7 +114,8 @@ export class FoldStop {
       away *= 2;
     }
     this.#stood = Math.max(CLOSE, low);
-    this.#next = high - low > CLOSE ? probe : this.#stood;
+    // A way that is refused from its start needs one check at the next movement.
+    this.#next = low > 0 && high - low > CLOSE ? probe : this.#stood;
     return low;
   }
 
