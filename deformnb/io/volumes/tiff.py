@@ -569,7 +569,7 @@ def _annotate(header: Header, text: str) -> Header:
     return replace(
         header,
         geometry=replace(
-            header.geometry, origin=frame.origin, direction=frame.direction, is_anatomical=rows != IDENTITY
+            header.geometry, origin=frame.origin, direction=frame.direction, is_anatomical=frame.direction != IDENTITY
         ),
         is_labels=True if found.get("labels") == ["yes"] else header.is_labels,
     )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from deformnb.io import read_volume, write_volume
 from deformnb.volume.volume import Volume
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.studio.head import StudioHead
@@ -49,5 +51,16 @@ def test_all_places_show_one_unit(unit: str, spacing: float, shown: str) -> None
         assert unit_of(studio.session.pictures.picture().grid) == shown
         studio.session.steps.add(in_space=True)
         assert {pane["lengths"] for pane in studio.parts.editors.current.panes} == {shown}
+    finally:
+        studio.close()
+
+
+def test_a_file_without_directions_names_axes_and_no_sides(tmp_path: Path) -> None:
+    path = tmp_path / "plain.tif"
+    write_volume(block("mm", 1.0), path)
+    studio = Studio(read_volume(path), side="+y")
+    try:
+        assert studio.session.steps.titles() == ["along +y"]
+        assert studio.view.volume_info["anatomical"] is False
     finally:
         studio.close()
