@@ -407,7 +407,7 @@ class PicturePanel(Panel):
         views = [(name, f"{_VIEW}{k}") for k, name in enumerate(self.session.steps.oblique_views().values())]
         grid = self.session.editing.grid
         sides = [(side_words(view, grid), view) for _, view in PARAMETERS["view"].menu]  # type: ignore[attr-defined]
-        fill(self._side, sides + views + ([_IN_SPACE] if in_space else []))  # type: ignore[attr-defined]
+        fill(self._side, sides + views + ([_IN_SPACE] if in_space else []))
 
 
 def step_badge(session: Session) -> str:
