@@ -1,5 +1,6 @@
 from .animation import Animation as Animation
 from .animation import TimeMaps as TimeMaps
+from .centre_line import straighten as straighten
 from .deformation import EASINGS as EASINGS
 from .deformation import LOOPS as LOOPS
 from .deformation import MODES as MODES
@@ -7,6 +8,7 @@ from .deformation import Deformation as Deformation
 from .deformation import Keyframe as Keyframe
 from .deformation import Step as Step
 from .deformation import VolumeReference as VolumeReference
+from .hinge import hinge as hinge
 from .json_format import from_json as from_json
 from .json_format import to_json as to_json
 from .json_regions import REGIONS as REGIONS

@@ -23,6 +23,7 @@ from deformnb.rbf.cuts import Cut
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
+from deformnb.session.opening import show_opening
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
 
@@ -173,3 +174,5 @@ def apply_example(session: Session, name: str) -> None:
     session.editing.edit_document(
         session.editing.deformation.with_step(session.editing.index, step), f"example: {example.title.lower()}"
     )
+    if step.cut_regions:
+        show_opening(session)

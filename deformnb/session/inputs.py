@@ -151,7 +151,7 @@ def best_view(volume: Volume) -> str:
     subject = volume.finite_values > air
     dx, dy, dz = volume.grid.spacing
     lengths = {
-        view: silhouette_length(subject.any(axis=axis), spacing)
+        view: silhouette_length(np.asarray(subject.any(axis=axis)), spacing)
         for view, axis, spacing in (("+y", 1, (dz, dx)), ("-x", 2, (dz, dy)), ("-z", 0, (dy, dx)))
     }
     return max(lengths, key=lambda view: lengths[view])

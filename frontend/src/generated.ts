@@ -271,7 +271,7 @@ export interface PointsEdit {
   /** "move" while something is dragged. */
   phase: "move" | "end";
   /** Kind of the edit. */
-  kind: "move" | "nudge" | "add" | "remove" | "rename" | "switch" | "reset" | "undo" | "redo" | "several" | "lock" | "turn" | "scale" | "brush" | "open";
+  kind: "move" | "nudge" | "add" | "remove" | "rename" | "switch" | "reset" | "undo" | "redo" | "several" | "lock" | "turn" | "scale" | "brush" | "open" | "straighten" | "apart";
   /** Whether it is one step of an undo with the edit before it. */
   joins?: boolean;
   /** Least id that was never given; from 0. */

@@ -44,6 +44,8 @@ Kind: TypeAlias = Literal[
     "scale",
     "brush",
     "open",
+    "straighten",
+    "apart",
 ]
 """Kinds of edits of points; "several" is more than one of them, which a busy kernel gets as one."""
 

@@ -24,6 +24,7 @@ from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.regions import Mask
 from deformnb.rbf.support import lone_support
+from deformnb.session.opening import show_opening
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
 from deformnb.warping.foreground import foreground_level
@@ -475,6 +476,8 @@ class StudioEdits:
             self._take(editor, lambda: session.editing.edit_points(points, label, kind))
         else:
             self._take(editor, lambda: session.editing.edit_fit(points, fit.as_dict(), label))
+        if done in ("open", "apart") and session.editing.points == points:
+            show_opening(session)
 
     def shapes_changed(self, editor: Any, what: str, changed: Any) -> None:
         """An editor has other cuts, or other rigid parts."""

@@ -37,6 +37,10 @@ def edit_label(before: ControlPoints, after: ControlPoints, kind: str = "") -> s
     """
     if kind == "open":
         return "pull open a cut"
+    if kind == "apart":
+        return "move apart rigidly"
+    if kind == "straighten":
+        return "straighten along a line"
     if kind in ("turn", "scale", "brush"):
         return _tool(before, after, kind)
     old, new = (dict(zip(p.ids, range(len(p)), strict=True)) for p in (before, after))

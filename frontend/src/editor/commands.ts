@@ -36,6 +36,8 @@ const COMMANDS: Record<string, (editor: CommandEditor, ids: number[]) => void> =
   cut: (editor) => editor.tools.modes.setPen("cut"),
   part: (editor) => editor.tools.modes.setPen("part"),
   fixed: (editor) => editor.tools.modes.setPen("fixed"),
+  straighten: (editor) => editor.tools.modes.setPen("straighten"),
+  hinge: (editor) => editor.tools.modes.setPen("hinge"),
   mirror: (editor) => editor.tools.points.mirror.toggle(),
   "mirror-axis": (editor) => editor.tools.points.mirror.turn(),
   snap: (editor) => editor.tools.points.snap.toggle(),

@@ -17,7 +17,7 @@ const NEAR = 0.05; // of the diagonal of the picture: a point so near holds the 
 /** Dependencies of the bar on the editor. */
 export type CutBarEditor = EditorParts<
   "model" | "frames" | "messages" | "stage" | "points" | "map" | "picture",
-  "brush" | "pen" | "wand" | "points" | "shapes"
+  "modes" | "points" | "shapes" | "bends"
 >;
 
 export class CutBar {
@@ -25,6 +25,7 @@ export class CutBar {
   stops: HTMLInputElement;
   front: HTMLInputElement;
   pull: HTMLButtonElement;
+  apart: HTMLButtonElement;
 
   constructor(readonly editor: CutBarEditor) {
     this.bar = new OptionBar(editor, "dnb-ed-options dnb-ed-cut-bar", "Chosen cut");
@@ -43,6 +44,16 @@ export class CutBar {
       "Pull open",
       () => this.#pullOpen(),
       "Put a point on either side and pull them apart; points around them hold the rest",
+    );
+    this.apart = this.bar.button(
+      "Move apart rigidly",
+      "Move apart rigidly",
+      () => {
+        const line = this.#line;
+        if (line?.kind === "line") editor.tools.bends.moveApart(line);
+        editor.stage.focus();
+      },
+      "Either side moves away from the cut as a whole, unbent",
     );
     this.bar.button(
       "Make points",
@@ -68,15 +79,10 @@ export class CutBar {
     const { editor } = this,
       region = this.#line,
       isFront = editor.model.get("front_only");
-    const isBusy =
-      editor.tools.pen.isOn ||
-      editor.tools.brush.isOn ||
-      editor.tools.wand.isOn ||
-      editor.points.isLocked ||
-      editor.picture.isBefore;
+    const isBusy = editor.tools.modes.activeTool !== undefined || editor.points.isLocked || editor.picture.isBefore;
     this.bar.element.hidden = !this.#outline || isBusy;
     const isOpen = region?.kind === "line";
-    for (const part of [this.stops.parentElement, this.pull]) part?.toggleAttribute("hidden", !isOpen);
+    for (const part of [this.stops.parentElement, this.pull, this.apart]) part?.toggleAttribute("hidden", !isOpen);
     this.front.parentElement?.toggleAttribute("hidden", !isOpen || typeof isFront !== "boolean");
     if (this.bar.element.hidden || !isOpen) return;
     this.stops.checked = Boolean(stopsAt(region, 0) && stopsAt(region, region.vertices.length - 1));

@@ -11,6 +11,7 @@ import { beforeActionOutside } from "../ui/dom.ts";
 import { HelpPanel } from "../ui/keys.ts";
 import { Toolbar } from "../ui/toolbar.ts";
 import { EditorDrawing, initialize } from "./base.ts";
+import { BendTools } from "./bend_tools.ts";
 import { Brush } from "./brush_tool.ts";
 import { Clicks } from "./clicks.ts";
 import { ColourBar } from "./colour_bar.ts";
@@ -116,6 +117,7 @@ export class EditorView extends EditorDrawing {
     tools.points = new PointTools(parts);
     tools.turns = new PointTurns(parts);
     tools.strokes = new PointStrokes(parts);
+    tools.bends = new BendTools(parts);
     tools.pen = new Pen(parts);
     tools.brush = new Brush(parts);
     tools.window = new WindowTool(parts);
@@ -433,6 +435,8 @@ export class EditorView extends EditorDrawing {
       cut: tool === "cut",
       part: tool === "part",
       fixed: tool === "fixed",
+      straighten: tool === "straighten",
+      hinge: tool === "hinge",
       move: tools.brush.tool === "move",
       grow: tools.brush.tool === "grow",
       mirror: tools.points.mirror.state.on,

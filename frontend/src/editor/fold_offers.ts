@@ -2,11 +2,11 @@
 // buttons, and one of them moves on to where the pointer was, as one edit.
 
 import { MOST_STAGES } from "../generated.ts";
-import { middleOf, newPoint, updatePoints } from "../maths/points.ts";
+import { cleanShapes, middleOf, newPoint } from "../maths/points.ts";
 import { findConflicts } from "../maths/rigid_stages.ts";
-import { cutSides } from "../maths/shapes.ts";
+import { cutSides, isInside } from "../maths/shapes.ts";
 import type { FitChange } from "../sync/edits.ts";
-import type { PartData, PicturePoint, Vector2 } from "../types.ts";
+import type { LineData, PartData, PicturePoint, Vector2 } from "../types.ts";
 import type { MapState, StoppedDrag } from "./fold_stop.ts";
 import { OptionBar } from "./option_bar.ts";
 import type { EditorParts } from "./parts.ts";
@@ -139,62 +139,65 @@ export class FoldOffers {
     });
   }
 
-  /** The tissue around the points that are moved, or their side of a cut, as a rigid part that goes with them. */
+  /** The tissue around the points that are moved as a rigid part that goes with them, or their side of a cut. */
   #rigidly(state: MapState): MapState | null {
-    const { picture } = this.editor,
-      moved = this.#moved(state),
-      first = moved[0];
-    if (!first || state.shapes.parts.some(({ enabled }) => enabled)) return null;
-    const by: Vector2 = [first.point.target[0] - first.point.source[0], first.point.target[1] - first.point.source[1]];
-    const isOne = moved.every(({ point: { source, target } }) =>
-      [0, 1].every((c) => Math.abs(target[c]! - source[c]! - by[c]!) < 1e-6 * Math.hypot(...by)),
-    );
-    if (!isOne) return null;
-    const region = this.#rigidRegion(
-      state,
-      moved.map(({ point }) => point),
-    );
-    if (!region) return null;
-    const part: PartData = {
-      region: { kind: "polygon", vertices: region },
-      name: "",
-      enabled: true,
-      weight: "saturated",
-      reach: null,
-      motion: {
-        matrix: [
-          [1, 0],
-          [0, 1],
-        ],
-        shift: by,
-      },
-    };
-    const inside = state.points.filter(({ source }) => isInPolygon(region, source)).map(({ id }) => id);
-    const points = updatePoints(state.points, inside, ({ source: [a, b] }) => ({ target: [a + by[0], b + by[1]] }));
-    const parts = [...state.shapes.parts, part];
-    const box = picture.box;
-    if (findConflicts(points, parts, 1).length || box[0] >= box[1]) return null;
-    return { ...state, points, shapes: { ...state.shapes, parts } };
+    const moved = this.#moved(state),
+      by = moved[0]?.by;
+    if (!by || !moved.every((one) => [0, 1].every((c) => Math.abs(one.by[c]! - by[c]!) < 1e-6 * Math.hypot(...by)))) {
+      return null; // they are turned or scaled
+    }
+    const cuts = state.shapes.cuts.filter(({ enabled }) => enabled),
+      line = cuts.length === 1 ? cuts[0]!.region : null;
+    return line?.kind === "line" && !line.stops ? this.#withSide(state, line, by) : this.#withDisc(state, by);
   }
 
-  /** The side of the only cut on which the points are, or a disc around them that no other point is in. */
-  #rigidRegion({ points, shapes }: MapState, moved: PicturePoint[]): Vector2[] | null {
+  /** All points on the side of a cut on which some are moved, moved alike: nothing on that side bends. */
+  #withSide(state: MapState, line: LineData, by: Vector2): MapState | null {
+    const ids = new Set(this.#moved(state).map(({ point }) => point.id)),
+      { start } = this.editor.tools.foldStop,
+      was = new Map(start.points.map((p) => [p.id, p.target])),
+      own = state.points.filter(({ id }) => ids.has(id)),
+      side = cutSides(line, this.editor.picture.box).find((one) => own.every(({ source }) => isInside(one, source)));
+    if (!side) return null;
+    const points = state.points.map((p) => {
+      const at = was.get(p.id);
+      if (ids.has(p.id) || p.locked || !at || !isInside(side, p.source)) return p;
+      return { ...p, target: [at[0] + by[0], at[1] + by[1]] as Vector2 };
+    });
+    return { ...state, points };
+  }
+
+  /** A disc around the points that are moved, in which no other point is, as a rigid part. */
+  #withDisc(state: MapState, by: Vector2): MapState | null {
     const { box } = this.editor.picture,
-      cuts = shapes.cuts.filter(({ enabled }) => enabled),
-      line = cuts.length === 1 ? cuts[0]!.region : null;
-    if (line?.kind === "line") {
-      const sides = cutSides(line, box),
-        side = sides.find((one) => moved.every(({ source }) => isInPolygon(one, source)));
-      if (side) return side;
-    }
-    const middle = middleOf(moved.map((p) => ({ ...p, target: p.source }))),
-      away = ({ source: [a, b] }: PicturePoint) => Math.hypot(a - middle[0], b - middle[1]);
-    const ids = new Set(moved.map(({ id }) => id)),
-      others = points.filter((p) => p.active && !ids.has(p.id)).map(away);
-    const least = 1.2 * Math.max(...moved.map(away)),
-      radius = Math.max(least, 0.45 * Math.min(...others, 0.6 * Math.hypot(box[1] - box[0], box[3] - box[2])));
-    if (!(radius > 0) || radius > Math.min(...others)) return null;
-    return ringOf(middle, radius, 16);
+      moved = this.#moved(state).map(({ point }) => point),
+      isFromRest = moved.every(
+        ({ source, target }) =>
+          Math.hypot(target[0] - source[0] - by[0], target[1] - source[1] - by[1]) < 1e-6 * Math.hypot(...by),
+      );
+    if (!isFromRest || state.shapes.parts.some(({ enabled }) => enabled)) return null;
+    const middle = middleOf(moved.map(({ source }) => ({ target: source }))),
+      away = ({ source: [a, b] }: PicturePoint) => Math.hypot(a - middle[0], b - middle[1]),
+      ids = new Set(moved.map(({ id }) => id)),
+      room = Math.min(
+        ...state.points.filter((p) => p.active && !ids.has(p.id)).map(away),
+        0.6 * Math.hypot(box[1] - box[0], box[3] - box[2]),
+      ),
+      radius = Math.max(1.2 * Math.max(...moved.map(away)), 0.45 * room);
+    if (!(radius > 0 && radius < room)) return null;
+    const motion = {
+      matrix: [
+        [1, 0],
+        [0, 1],
+      ],
+      shift: by,
+    } as PartData["motion"];
+    const [part] = cleanShapes(
+      [{ region: { kind: "polygon", vertices: ringOf(middle, radius, 16) }, motion }],
+      "parts",
+    );
+    const parts = [...state.shapes.parts, part!];
+    return findConflicts(state.points, parts, 1).length ? null : { ...state, shapes: { ...state.shapes, parts } };
   }
 
   /**
@@ -285,7 +288,8 @@ export class FoldOffers {
     foldStop.stopped = null;
     editor.stage.focus();
     if (!state) return;
-    if (name === "rigid") shapeTools.edit("parts", state.shapes.parts, "move rigidly", { points: state.points });
+    if (state.shapes !== editor.points.shapes)
+      shapeTools.edit("parts", state.shapes.parts, "move rigidly", { points: state.points });
     else pointTools.edit(state.points, "move", null, state.fit);
     editor.messages.announce(`${NAMES[name]![0]}: done`);
   }
@@ -302,14 +306,4 @@ function ringOf([a, b]: Vector2, radius: number, count: number, turn: number = 0
     const angle = (2 * Math.PI * (k + turn)) / count;
     return [a + radius * Math.cos(angle), b + radius * Math.sin(angle)];
   });
-}
-
-/** Whether a place is inside a polygon, by the even-odd rule. */
-function isInPolygon(polygon: Vector2[], [a, b]: Vector2) {
-  let isInside = false;
-  polygon.forEach(([p, q], k) => {
-    const [r, s] = polygon[(k + 1) % polygon.length]!;
-    if (q > b !== s > b && a < p + ((b - q) * (r - p)) / (s - q)) isInside = !isInside;
-  });
-  return isInside;
 }

@@ -3,6 +3,7 @@
 
 import { formatLength } from "../maths/numbers.ts";
 import { cleanShapes, sameShapes, updatePoints } from "../maths/points.ts";
+import { regionOf } from "../maths/regions.ts";
 import { carryPoints, findConflicts } from "../maths/rigid_stages.ts";
 import {
   motionWords,
@@ -69,6 +70,12 @@ export class PartTools {
     return this.#own !== null && !this.editor.points.isLocked;
   }
 
+  /** Whether the part has its pivot outside, as a limb at a joint. */
+  get isLimb() {
+    const { pivot, region } = this.#own?.part ?? {};
+    return this.isOn && pivot && region ? regionOf(region).distance(pivot[0], pivot[1]) > 0 : false;
+  }
+
   /** Draw the handles. True if the focus was on one that is gone. */
   draw() {
     const { editor } = this,
@@ -107,15 +114,18 @@ export class PartTools {
 
   // ---- drags --------------------------------------------------------------------------------------------------------
 
-  /** Begin a drag at a place of the view. */
-  beginDrag(handle: PartHandle, from: Vector2) {
+  /**
+   * Begin a drag at a place of the view. A part whose pivot was set outside of it turns about that, as a limb about its
+   * joint, by its inside too.
+   */
+  beginDrag(given: PartHandle, from: Vector2) {
     const { editor } = this,
       { list: points, shapes } = editor.points,
       own = this.#own;
     if (editor.points.isLocked || !own) return;
     this.drag0 = {
       ...own,
-      handle,
+      handle: given === "move" && this.isLimb ? "turn" : given,
       points,
       shapes,
       wasFine: !editor.map.error,

@@ -5,6 +5,7 @@ import type { Bus, Model, PicturePoint, Vector2 } from "../types.ts";
 import type { HelpPanel } from "../ui/keys.ts";
 import type { Toolbar } from "../ui/toolbar.ts";
 import type { EditorTheme } from "./base.ts";
+import type { BendTools } from "./bend_tools.ts";
 import type { Brush } from "./brush_tool.ts";
 import type { Clicks } from "./clicks.ts";
 import type { ColourBar } from "./colour_bar.ts";
@@ -54,6 +55,7 @@ export interface Tools {
   strokes: PointStrokes;
   shapes: ShapeTools;
   parts: PartTools;
+  bends: BendTools;
   foldStop: FoldStop;
   foldOffers: FoldOffers;
   pen: Pen;

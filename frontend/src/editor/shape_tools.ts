@@ -47,15 +47,28 @@ const PEN_HINTS: Record<string, string> = {
     "Click along the cut, or draw it in one stroke. Enter or double-click ends it; a click on its start closes " +
     "it. An open cut continues straight to the border; double-click an end of it later to let it stop there",
   part: "Click around what shall stay rigid, or draw around it. Enter, double-click or a click on the start closes it",
+  straighten:
+    "Draw a line along the middle of what is bent, from end to end; or click along it, and Enter or double-click ends it",
+  hinge: "Drag from the joint to the end of the side that turns; or click both",
   fixed: "Click two places, or drag a line: the hatched side of it stays fixed. The arrows on the line swap the sides",
 };
-export const PEN_WORDS: Record<string, string> = { cut: "cut", part: "rigid part", fixed: "fixed side" };
+export const PEN_WORDS: Record<string, string> = {
+  cut: "cut",
+  part: "rigid part",
+  fixed: "fixed side",
+  straighten: "centre line",
+  hinge: "hinge",
+};
+const OF_TWO = ["fixed", "hinge"]; // which two places determine
 const CLOSE_BY = 10; // CSS pixels around the first place that close the line
 const STROKE_ERROR = 1.6; // CSS pixels between a drawn stroke and its corners
 const PEN_STEPS = [1, 10]; // CSS pixels of an arrow key with and without Shift: a user of the keys draws coarsely
 
 /** Dependencies of the pen on the editor. */
-export type PenEditor = EditorParts<"frames" | "messages" | "stage" | "viewport" | "points" | "picture", "shapes">;
+export type PenEditor = EditorParts<
+  "frames" | "messages" | "stage" | "viewport" | "points" | "picture",
+  "shapes" | "bends"
+>;
 
 /** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
 export class Pen {
@@ -153,11 +166,10 @@ export class Pen {
     const all = [editor.viewport.placeAt(from), ...stroke],
       isNear = this.#gap(all[0]!, at) < 2 * CLOSE_BY;
     draft.shown = undefined;
-    const path =
-      draft.tool === "fixed"
-        ? [all[0]!, all[all.length - 1]!]
-        : simplifyPath(all, STROKE_ERROR / editor.viewport.view.k);
-    const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
+    const path = OF_TWO.includes(draft.tool)
+      ? [all[0]!, all[all.length - 1]!]
+      : simplifyPath(all, STROKE_ERROR / editor.viewport.view.k);
+    const isClosed = draft.tool === "part" || (draft.tool === "cut" && path.length > 3 && isNear);
     draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)];
     this.#count(draft);
     if (isWhole && !this.finish(isClosed)) {
@@ -184,12 +196,12 @@ export class Pen {
     draft.places.push(place);
     draft.isSet = true;
     this.#count(draft);
-    if (draft.tool === "fixed" && draft.places.length === 2) this.finish(false);
+    if (OF_TWO.includes(draft.tool) && draft.places.length === 2) this.finish(false);
     this.editor.frames.invalidate();
   }
 
   #count(draft: PenDraft) {
-    draft.canClose = draft.tool !== "fixed" && draft.places.length > 2;
+    draft.canClose = ["cut", "part"].includes(draft.tool) && draft.places.length > 2;
   }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
@@ -240,6 +252,12 @@ export class Pen {
     if (places.length < least) {
       editor.messages.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000);
       return false;
+    }
+    if (tool === "hinge" || tool === "straighten") {
+      this.stop();
+      if (tool === "hinge") editor.tools.bends.hinge(places[0]!, places[1]!);
+      else editor.tools.bends.straighten(places);
+      return true;
     }
     const region: RegionData =
       tool === "fixed"

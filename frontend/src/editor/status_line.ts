@@ -186,6 +186,7 @@ export class StatusLine {
     const start = this.#isUntouched ? "Double-click adds a point. " : "";
     if (modes.advice) return modes.advice;
     if (shapeTools.choice.isSide) return "The hatched half stays fixed. The arrows on the line swap the sides";
+    if (partTools.isLimb) return "Drag the inside or the ring to turn it about the joint, the cross to move the joint";
     if (partTools.isOn) return "Drag the inside to move it, the ring to turn it, the cross to set its pivot";
     if (shapeTools.choice.canStop) return "Drag a corner, or an edge; double-click an end to stop the cut there";
     if (shapeTools.choice.shape) return "Drag a corner, or the middle of an edge for a new one; Delete removes it";

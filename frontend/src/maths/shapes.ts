@@ -225,6 +225,16 @@ export function clipToBox(polygon: Vector2[], [a0, a1, b0, b1]: Vector4): Vector
   });
 }
 
+/** Whether a place is inside a polygon, by the even-odd rule. */
+export function isInside(polygon: Vector2[], [a, b]: Vector2) {
+  let isInside = false;
+  polygon.forEach(([p, q], k) => {
+    const [r, s] = polygon[(k + 1) % polygon.length]!;
+    if (q > b !== s > b && a < p + ((b - q) * (r - p)) / (s - q)) isInside = !isInside;
+  });
+  return isInside;
+}
+
 /** Number of times that a displacement fits between a place and the end of the range in its direction. */
 function roomAlong(way: number, from: number, low: number, high: number) {
   return way > 0 ? (high - from) / way : way < 0 ? (low - from) / way : Infinity;
