@@ -102,7 +102,7 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "widgets/textures": (textures, ("MAP_SIZE", "MOST_REGIONS", "CUT_MARGIN", "CUT_STEPS")),
     "widgets/vtk/folds": (vtk_folds, ("MOST_BENDS",)),
     "widgets/messages/record": (record, ("LONGEST_EDIT",)),
-    "widgets/messages/editors": (editors, ("LONGEST_KIND", "MOST_NAMED", "WINDOWS_AROUND")),
+    "widgets/messages/editors": (editors, ("LONGEST_KIND", "MOST_CHANGES", "MOST_NAMED", "WINDOWS_AROUND")),
     "widgets/messages/shapes": (shapes, ("MOST_PARTS",)),
     "widgets/messages/inputs": (inputs, ("LONGEST_ROW_NAME", "MOST_KEYS")),
     "widgets/messages/views": (views, ("LARGEST_SIDE", "MOVIE_PIECE")),

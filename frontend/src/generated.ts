@@ -136,6 +136,7 @@ export const LONGEST_EDIT = 1048576;
 
 // deformnb/widgets/messages/editors.py
 export const LONGEST_KIND = 80;
+export const MOST_CHANGES = 50;
 export const MOST_NAMED = 64;
 export const WINDOWS_AROUND = 16;
 
@@ -391,6 +392,14 @@ export interface WandRequest {
   rule: "near" | "brighter" | "darker";
   /** Whether in the volume instead of in the picture. */
   through: boolean;
+  /** Whether holes are filled. */
+  fill?: boolean;
+  /** How often the outline is smoothed; 0 to 50. */
+  smooth?: number;
+  /** Pixels by which it grows, or shrinks below 0; -50 to 50. */
+  grow?: number;
+  /** Whether only the largest piece is kept. */
+  largest?: boolean;
 }
 
 /** The pointer of a window, which all windows that show the editor receive. */

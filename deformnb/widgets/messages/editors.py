@@ -57,6 +57,9 @@ SliceProjection: TypeAlias = Literal["slice", "mip", "composite", "shaded"]
 WINDOWS_AROUND = 16
 """Widths of the window on either side of it that an editor's picture resolves: 65536 / 33 leave it 2000 steps."""
 
+MOST_CHANGES = 50
+"""Pixels by which the wand's region grows or shrinks at most, and the most often that it is smoothed."""
+
 LONGEST_KIND = 80
 """Characters that describe an edit of shapes at most."""
 
@@ -172,6 +175,12 @@ class WandRequest(Message, frozen=True, kw_only=True, tag="wand"):
     tolerance: Annotated[float, Meta(ge=0, lt=1e300, description="in the unit of the picture's values")]
     rule: Annotated[Literal["near", "brighter", "darker"], Meta(description="which values are selected")]
     through: Annotated[bool, Meta(description="whether in the volume instead of in the picture")]
+    fill: Annotated[bool, Meta(description="whether holes are filled")] = True
+    smooth: Annotated[int, Meta(ge=0, le=MOST_CHANGES, description="how often the outline is smoothed")] = 0
+    grow: Annotated[
+        int, Meta(ge=-MOST_CHANGES, le=MOST_CHANGES, description="pixels by which it grows, or shrinks below 0")
+    ] = 0
+    largest: Annotated[bool, Meta(description="whether only the largest piece is kept")] = False
 
 
 MOST_NAMED = 64

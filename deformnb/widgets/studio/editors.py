@@ -19,6 +19,7 @@ import numpy as np
 from deformnb._weak import weakly
 from deformnb.document.deformation import Step
 from deformnb.document.json_regions import region_to_data
+from deformnb.document.step_checks import safe_points
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.fields import AbstractField
@@ -37,6 +38,7 @@ from deformnb.widgets.messages.editors import ShowPart
 from deformnb.widgets.studio.controls import button
 from deformnb.widgets.studio.history_labels import JOINING, edit_label
 from deformnb.widgets.studio.status import StudioStatus, as_html, reason_of
+from deformnb.widgets.studio.step_diagnostics import tissue_of
 from deformnb.widgets.studio.view_sync import StudioLink
 from deformnb.widgets.view.picture_plane import ViewPart
 from deformnb.widgets.worker import Worker
@@ -471,13 +473,34 @@ class StudioEdits:
         done = made.kind if made is not None else ""
         kind = done if done in JOINING else None
         label = edit_label(session.editing.points, points, done) if points.dim == session.editing.points.dim else ""
+        wanted, points = points, self._safe(editor, points, done)
         fit = getattr(made, "fit", None)
         if fit is None:
             self._take(editor, lambda: session.editing.edit_points(points, label, kind))
         else:
             self._take(editor, lambda: session.editing.edit_fit(points, fit.as_dict(), label))
+        if points is not wanted:
+            self._words.show("Stopped before tissue folds; the button Safe drag of a picture lets drags go on.")
+            self._editors.show_step()
         if done in ("open", "apart") and session.editing.points == points:
             show_opening(session)
+
+    def _safe(self, editor: Any, points: Any, kind: str) -> Any:
+        """The points of a drag in space as far as tissue does not fold, while the stop at folds is on.
+
+        The front end of an editor on a picture stops its drags itself.
+        """
+        session = self._session
+        if isinstance(editor, Editor) or not self._editors.plane.stop_at_folds or kind not in ("move", "brush"):
+            return points
+        before, step = session.editing.points, session.editing.step
+        try:
+            safe = safe_points(
+                step, before, points, session.editing.grid, session.editing.key, is_tissue=tissue_of(session)
+            )
+        except DeformError:  # it folds already, or cannot be fitted: the edit itself says why
+            return points
+        return safe
 
     def shapes_changed(self, editor: Any, what: str, changed: Any) -> None:
         """An editor has other cuts, or other rigid parts."""

@@ -5,6 +5,7 @@ The selection becomes a rigid part or a cut.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,8 @@ from deformnb._typing import Progress
 from deformnb._weak import weakly
 from deformnb.document.json_regions import region_to_data
 from deformnb.errors import Cancelled, DeformError
-from deformnb.rbf.regions import Mask
+from deformnb.rbf.cuts import sides_of
+from deformnb.rbf.regions import AbstractRegion, Mask
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
 from deformnb.volume.region_growing import connected_threshold
@@ -27,6 +29,7 @@ from deformnb.widgets.studio.panels.labels import TakeRegions
 from deformnb.widgets.worker import Worker
 
 _FEWEST = 4  # pixels of a region
+_ROUND = 1.0  # pixels: the Gaussian that smooths an outline once
 
 
 class Wand:
@@ -102,7 +105,7 @@ class Wand:
                 self._show(words="Selecting ...", share=share)
 
         try:
-            region, words = select_region(self._session, request, progress)
+            region, words, pieces = select_region(self._session, request, progress)
         except Cancelled:
             return
         except DeformError as error:
@@ -111,11 +114,12 @@ class Wand:
             return
         if self._request is request:
             self._region = region
-            self._show(region=region_to_data(region), words=words)
+            self._show(region=region_to_data(region), words=words, pieces=pieces)
 
 
-def select_region(session: Session, request: WandRequest, progress: Progress | None = None) -> tuple[Mask, str]:
-    """The region of a click on the picture, without its holes, and its range and size in words.
+def select_region(session: Session, request: WandRequest, progress: Progress | None = None) -> tuple[Mask, str, int]:
+    """The region of a click on the picture with the changes of the request, its range and size in words, and the number
+    of its pieces.
 
     Raises
     ------
@@ -150,13 +154,68 @@ def select_region(session: Session, request: WandRequest, progress: Progress | N
         else Mask(mask, session.pictures.base().grid).silhouette(picture.plane)
     )
     filled = ndimage.binary_fill_holes(flat.values)
-    count = int(filled.sum())
     sides = sum(bool(edge.any()) for edge in (filled[0], filled[-1], filled[:, 0], filled[:, -1]))
     if value < levels(session.volume)[1] and sides >= 3:
         raise DeformError("This is air or padding around the body: click on tissue, or lower the tolerance.")
-    if count < _FEWEST:
+    if filled.sum() < _FEWEST:
+        count = int(filled.sum())
         raise DeformError(f"Only {count} pixel{'' if count == 1 else 's'} hang together here: raise the tolerance.")
-    return Mask(filled, flat.lattice), _words(picture, low, high, count * float(np.prod(flat.lattice.spacing)))
+    changed = change_region(filled if request.fill else flat.values, request.smooth, request.grow)
+    if changed.sum() < _FEWEST:
+        raise DeformError("Nothing is left of the region: shrink or smooth it less.")
+    numbers, sizes = pieces_of(Mask(changed, flat.lattice), session.editing.step.cut_regions)
+    share = float(sizes.max() / sizes.sum())
+    if request.largest:
+        changed, sizes = numbers == sizes.argmax() + 1, sizes.max(keepdims=True)
+    words = _words(picture, low, high, int(changed.sum()) * float(np.prod(flat.lattice.spacing)))
+    if len(sizes) > 1:
+        words += f"; {len(sizes)} pieces, the largest has {100 * share:.0f} %"
+    return Mask(changed, flat.lattice), words, len(sizes)
+
+
+def change_region(values: NDArray[np.bool_], smooth: int = 0, grow: int = 0) -> NDArray[np.bool_]:
+    """A region of pixels smoothed so many times, then grown by so many pixels, or shrunk below 0.
+
+    Once smoothed is rounded by a Gaussian of a pixel, which keeps straight edges where they are.
+
+    Examples
+    --------
+    >>> square = np.zeros((9, 9), bool)
+    >>> square[3:6, 3:6] = True
+    >>> int(change_region(square, grow=1).sum()), int(change_region(square, grow=-1).sum())
+    (21, 1)
+    """
+    for _ in range(smooth):
+        values = ndimage.gaussian_filter(values.astype(np.float32), _ROUND, mode="nearest") > 0.5
+    if grow:
+        margin = np.pad(values, abs(grow), mode="edge")  # tissue that a picture cuts off goes on
+        change = ndimage.binary_dilation if grow > 0 else ndimage.binary_erosion
+        margin = change(margin, iterations=abs(grow))
+        values = margin[abs(grow) : -abs(grow), abs(grow) : -abs(grow)]
+    return np.asarray(values, dtype=bool)
+
+
+def pieces_of(region: Mask, cuts: Sequence[AbstractRegion] = ()) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """The pieces of a region on a picture: their numbers at its pixels, from 1, and their sizes in pixels.
+
+    Parameters
+    ----------
+    cuts : what a cut parts counts as two pieces.
+    """
+    values = region.values
+    rows, columns = np.nonzero(values)
+    places = np.stack([columns, rows], axis=1) * np.array(region.lattice.spacing) + np.array(region.lattice.origin)
+    own = np.zeros(len(places), np.int64)
+    for k, row in enumerate(sides_of(cuts, places).T if cuts else ()):
+        own += row.astype(np.int64) << k
+    numbers, count = np.zeros(values.shape, np.int32), 0
+    for side in np.unique(own):
+        there = np.zeros(values.shape, bool)
+        there[rows[own == side], columns[own == side]] = True
+        found, more = ndimage.label(there, np.ones((3, 3)))
+        numbers[there] = found[there] + count
+        count += more
+    return numbers, np.bincount(numbers.ravel(), minlength=count + 1)[1:]
 
 
 def _voxel(session: Session, picture: Picture, place: tuple[float, float], value: float) -> tuple[int, int, int]:

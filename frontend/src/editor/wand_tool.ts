@@ -10,6 +10,7 @@ import { EDITOR_KEYS, keyPlace } from "../ui/keys.ts";
 import { OptionBar } from "./option_bar.ts";
 import type { EditorParts } from "./parts.ts";
 import { shapePaths } from "./shape_handles.ts";
+import { WandChanges } from "./wand_changes.ts";
 
 const NO_WAND = "Only pictures of grey values can be selected by the wand: a slice, the maximum or the mean";
 const MOST = 2; // widths of the window: the largest tolerance
@@ -43,9 +44,9 @@ export class Wand {
   rule: HTMLSelectElement;
   slider: HTMLInputElement;
   tolerated: HTMLSpanElement;
-  through: HTMLInputElement;
   part: HTMLButtonElement;
   cut: HTMLButtonElement;
+  changes: WandChanges;
   words: HTMLSpanElement;
 
   isOn = false;
@@ -73,9 +74,8 @@ export class Wand {
       editor.stage.focus();
     };
     this.bar.button("Done", "Done", done, "put the wand away");
-    const tip = "What hangs together in the volume, not only in this picture";
-    this.through = this.bar.checkbox("Through the depth", tip, () => this.#applyChange());
     const { bar } = this;
+    this.changes = new WandChanges(bar, () => this.#applyChange());
     this.part = bar.button("Make rigid part", "Make rigid part", () => this.#make("part"), "keep the selection rigid");
     const outline = "cut along the outline of the selection";
     this.cut = bar.button("Make cut", "Make cut", () => this.#make("cut"), outline);
@@ -83,7 +83,7 @@ export class Wand {
   }
 
   /** Python's answer; empty where nothing is selected. */
-  get answer(): { region?: RegionData | null; words?: string; share?: number; failed?: boolean } {
+  get answer(): { region?: RegionData | null; words?: string; share?: number; failed?: boolean; pieces?: number } {
     return this.editor.model.get("wand") ?? {};
   }
 
@@ -147,6 +147,7 @@ export class Wand {
       return;
     }
     this.place = source;
+    this.changes.reset();
     this.#send("preview");
   }
 
@@ -170,14 +171,14 @@ export class Wand {
       place: place ?? [0, 0],
       tolerance,
       rule: this.rule.value as WandRequest["rule"],
-      through: this.through.checked,
+      ...this.changes.values,
     } satisfies WandRequest);
     this.editor.frames.invalidate();
   }
 
   show() {
     const { editor, answer, isOn } = this,
-      { region = null, words = "", share = 1, failed = false } = answer;
+      { region = null, words = "", share = 1, failed = false, pieces = 1 } = answer;
     this.bar.element.hidden = !isOn;
     this.outline.root.setAttribute("visibility", isOn ? "visible" : "hidden");
     if (!isOn) return;
@@ -192,6 +193,7 @@ export class Wand {
     setText(this.words, words && share < 1 ? `${words} ${Math.round(100 * share)} %` : words || "Click on the picture");
     this.words.classList.toggle("dnb-ed-wand-failed", failed);
     for (const button of [this.part, this.cut]) button.disabled = !region;
+    this.changes.show(pieces);
   }
 
   /**

@@ -12,12 +12,14 @@ from scipy import ndimage
 from widgets.studio.panels.test_steps_history import Guarded
 
 from deformnb.document.json_regions import region_from_data
-from deformnb.rbf.regions import Mask
+from deformnb.rbf.cuts import Cut
+from deformnb.rbf.regions import Line, Mask
 from deformnb.session.session import Session
+from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.studio.editors import make_editor
-from deformnb.widgets.studio.wand import Wand
+from deformnb.widgets.studio.wand import Wand, change_region, pieces_of
 from deformnb.widgets.worker import Worker
 
 
@@ -74,6 +76,25 @@ def test_what_hangs_together_is_selected_and_becomes_a_part_and_a_cut() -> None:
     assert editor.wand["failed"]
     assert "outside the picture" in use((-99.0, 0.0))["words"]
 
+    holed = region_from_data(use(rod, fill=False)["region"])
+    assert (holed.values == bright).all()
+    grown = region_from_data(use(rod, grow=2)["region"])
+    assert (grown.values == ndimage.binary_dilation(flat.values, iterations=2)).all()
+    smooth = region_from_data(use(rod, smooth=1)["region"])
+    assert 0 < (smooth.values != flat.values).sum() < 0.3 * flat.values.sum()
+    assert "Nothing is left" in use(rod, grow=-20)["words"]
+    middle = float(raster.rows[line]) - 2.5 * raster.spacing[1]
+    across = Cut(Line(((raster.box[0] - 9, middle), (raster.box[1] + 9, middle))))
+    session.editing.change(cuts=(across,))
+    found = use(rod)
+    assert found["pieces"] == 2
+    assert "; 2 pieces, the largest has " in found["words"]
+    largest = region_from_data(use(rod, largest=True)["region"])
+    assert ndimage.label(largest.values)[1] == 1
+    share = 100 * largest.values.sum() / flat.values.sum()
+    assert f"largest has {share:.0f} %" in found["words"]
+    session.editing.undo()
+
     use(rod, through=True)
     use(rod, "part")
     assert taken == [("part", "region 1", deep)]
@@ -95,10 +116,37 @@ def test_what_hangs_together_is_selected_and_becomes_a_part_and_a_cut() -> None:
     editor.close()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_changes_of_a_region_keep_their_order(seed: int) -> None:
+    values = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=(40, 50)), 3) > 0
+    assert (change_region(values) == values).all()
+    assert (change_region(values, grow=1) >= values).all()
+    assert (change_region(values, grow=-1) <= values).all()
+    assert (change_region(change_region(values, grow=2), grow=-2) >= values).all()  # a closing
+    edge = np.zeros_like(values)
+    edge[:, :20] = True
+    assert (change_region(edge, smooth=3) == edge).all()  # a straight edge stays, at the border too
+    assert not change_region(np.eye(40, 50, dtype=bool), smooth=1)[3:-3, 3:37].any()  # a line of one pixel goes
+
+
+def test_pieces_are_counted_with_what_a_cut_parts() -> None:
+    values = np.zeros((20, 30), bool)
+    values[2:18, 2:10] = values[5:9, 20:28] = True
+    region = Mask(values, Raster((20, 30), (2.0, 1.0), (5.0, -3.0)))
+    numbers, sizes = pieces_of(region)
+    assert sizes.tolist() == [128, 32]
+    assert ((numbers > 0) == values).all()
+    level = Line(((-100.0, 3.5), (200.0, 3.5)))  # of the rows
+    assert sorted(pieces_of(region, (level,))[1].tolist()) == sorted([40, 88, 16, 16])
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
         {"what": "all"},
+        {"grow": 1000},
+        {"smooth": -1},
+        {"fill": 1},
         {"place": [1.0]},
         {"place": [1.0, float("nan")]},
         {"rule": "any"},
