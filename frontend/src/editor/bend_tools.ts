@@ -100,7 +100,7 @@ export class BendTools {
     for (const [k, side] of sides.entries()) {
       const { from, to } = pulled[k]!,
         size = Math.hypot(to[0] - from[0], to[1] - from[1]) || 1;
-      for (const { place, depth } of placesBeside(region, [(to[0] - from[0]) / size, (to[1] - from[1]) / size])) {
+      for (const { place, depth } of halfPlaces(region, [(to[0] - from[0]) / size, (to[1] - from[1]) / size])) {
         if (isInside(side, place)) add(place, `${SIDES[k]} ${depth}`);
       }
     }
@@ -137,7 +137,7 @@ function shiftInto([a0, a1, b0, b1]: readonly number[], pairs: { from: Vector2; 
 }
 
 /** Places beside a cut on the side of a direction, near it and deeper: they determine the motion of a half. */
-function placesBeside({ vertices }: LineData, [u, v]: Vector2) {
+function halfPlaces({ vertices }: LineData, [u, v]: Vector2) {
   const line = placesAlong(vertices, 7, false),
     chord = Math.hypot(line[6]![0] - line[0]![0], line[6]![1] - line[0]![1]);
   return [1, 3, 5].flatMap((k, n) =>
