@@ -18,7 +18,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 
 # Places of the smoothed line, and the width of the Gaussian in distances of them: a twentieth of the line.
-_FINE, _SMOOTH, _TAPS = 65, 2.0, 6
+_FINE, _JITTER, _TAPS = 65, 2.0, 6
 
 STATIONS = 9
 """Stations along a centre line, from end to end."""
@@ -41,7 +41,7 @@ def smooth_line(line: Floats) -> Floats:
     fine = resample_line(line, _FINE)
     head, tail = 2 * fine[0] - fine[_TAPS:0:-1], 2 * fine[-1] - fine[-2 : -2 - _TAPS : -1]
     padded = np.concatenate([head, fine, tail])
-    weights = np.exp(-0.5 * (np.arange(-_TAPS, _TAPS + 1) / _SMOOTH) ** 2)
+    weights = np.exp(-0.5 * (np.arange(-_TAPS, _TAPS + 1) / _JITTER) ** 2)
     weights /= weights.sum()
     smooth = np.stack([np.convolve(padded[:, axis], weights, mode="valid") for axis in range(2)], axis=1)
     return resample_line(smooth, _FINE)

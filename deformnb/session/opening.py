@@ -8,7 +8,7 @@ from deformnb.session.session import Session
 from deformnb.volume.transfer import PRESETS
 from deformnb.warping.foreground import foreground_level
 
-OPAQUE = 0.3
+SEEN_OPACITY = 0.3
 """Opacity of most tissue from which on its surface, and so an opening in it, is seen."""
 
 _STRIDE = 64  # voxels along each axis are enough for a median
@@ -36,7 +36,7 @@ def show_opening(session: Session) -> bool:
     if not tissue.size:
         return False
     at, opacities = np.array(pictures.transfer_function.opacities).T
-    if np.interp(float(np.median(tissue)), at, opacities) >= OPAQUE:
+    if np.interp(float(np.median(tissue)), at, opacities) >= SEEN_OPACITY:
         return False
     pictures.set_trait("transfer", OPENING_LOOK)
     session.editing.notice = "The skin is opaque now, so that the opening is seen; the group View has the other looks."
