@@ -94,6 +94,7 @@ def write_lesson_page(
 
     carp = lesson_carp()
     studio = Studio(carp, lesson_start(name, carp), side=_SIDE, language=language)
+    studio.editor.stop_at_folds = False  # a pupil shall see folds
     try:
         title, about = (translate(text, language) for text in (LESSONS[name].title, _PAGES[name].about))
         studio.export_html(path, title=title, about=about, controls=_PAGES[name].controls, overwrite=overwrite)
