@@ -356,6 +356,7 @@ class PicturePanel(Panel):
     def __init__(self, session: Session, guard: Guard, editor: Any, show_grids: Callable[[], None]) -> None:
         super().__init__(session, guard)
         self._side = side = widget_of("view", layout=basic.layout(width="auto"))
+        fill(side, self._sides())
         self.add(side, self._side_value, self._choose_side)
         method = self.add(
             widget_of("method", layout=basic.layout(width="auto")),
@@ -375,6 +376,13 @@ class PicturePanel(Panel):
         self._back = button("\u21a9", f"{back.label}: {back.tooltip}", lambda: guard(session.set_back))
         self.box = row(self._step, side, self._back, method, self._depth, hold, shows_grids)
         self.refresh()
+
+    def _sides(self) -> list[tuple[str, str]]:
+        """The menu: the six sides, the oblique views of the document, and for a step in space that."""
+        steps, grid = self.session.steps, self.session.editing.grid
+        sides = [(side_words(view, grid), view) for _, view in PARAMETERS["view"].menu]
+        views = [(name, f"{_VIEW}{k}") for k, name in enumerate(steps.oblique_views().values())]
+        return sides + views + ([_IN_SPACE] if self.session.editing.step.plane is None else [])
 
     def _side_value(self) -> str:
         """The name of the side in the menu; "" in space, and "view " with a number for oblique planes."""
@@ -404,10 +412,7 @@ class PicturePanel(Panel):
             basic.set_visible(widget, not (in_space))
         basic.set_visible(self._depth, self.session.pictures.method == "slice" and not in_space)
         basic.set_visible(self._back, not in_space and self.session.steps.view is None)
-        views = [(name, f"{_VIEW}{k}") for k, name in enumerate(self.session.steps.oblique_views().values())]
-        grid = self.session.editing.grid
-        sides = [(side_words(view, grid), view) for _, view in PARAMETERS["view"].menu]  # type: ignore[attr-defined]
-        fill(self._side, sides + views + ([_IN_SPACE] if in_space else []))
+        fill(self._side, self._sides())
 
 
 def step_badge(session: Session) -> str:

@@ -197,3 +197,16 @@ def test_the_editor_shows_the_deformed_volume_where_depth_matters(studio: Studio
     assert studio.editor.deformed_picture.window == (0.0, 100.0)
     edit_view(studio, CAMERA)  # another step, on which nothing is dragged
     assert studio.editor.deformed_picture is None
+
+
+@pytest.mark.parametrize("in_space", [False, True])
+def test_a_studio_opens_with_a_step_on_an_oblique_view_and_in_space(studio: Studio, in_space: bool) -> None:
+    edit_view(studio, CAMERA)
+    drag(studio, a_drag(studio))
+    if in_space:
+        studio.session.steps.add(in_space=True)
+    again = Studio(a_volume(), studio.deformation)
+    again.wait()
+    assert side_menu(again).label == ("in space" if in_space else "view 1")
+    assert again.session.steps.titles() == studio.session.steps.titles()
+    again.close()
