@@ -380,7 +380,7 @@ class PicturePanel(Panel):
     def _sides(self) -> list[tuple[str, str]]:
         """The menu: the six sides, the oblique views of the document, and for a step in space that."""
         steps, grid = self.session.steps, self.session.editing.grid
-        sides = [(side_words(view, grid), view) for _, view in PARAMETERS["view"].menu]
+        sides = [(side_words(view, grid), view) for _, view in PARAMETERS["view"].menu]  # type: ignore[attr-defined]
         views = [(name, f"{_VIEW}{k}") for k, name in enumerate(steps.oblique_views().values())]
         return sides + views + ([_IN_SPACE] if self.session.editing.step.plane is None else [])
 
