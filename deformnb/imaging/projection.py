@@ -312,9 +312,11 @@ def _project_lattice(
         )
         values = _light(volume, lattice, plane, shader, eye, progress)
     elif how.seen is not None:
-        blocks = corners_of_blocks(np.ones(volume.shape, bool), volume.grid)
+        blocks = corners_of_blocks(volume.finite_values > volume.background, volume.grid)
         windows = windows_of(blocks, lattice, plane, eye)
-        layers = Layers.from_lattice(volume, lattice, plane, held=held, eye=eye, windows=windows)
+        is_read = how.name == "mip" and part is None and eye is None  # the largest of rounded values is that rounded
+        read = Layers.read_rounded(volume, lattice, windows) if is_read else None
+        layers = read or Layers.from_lattice(volume, lattice, plane, held=held, eye=eye, windows=windows)
         values = _round(_render(layers, how.seen, progress), volume, how)
     else:
         depths = plane.to_plane(volume.grid.corners())[:, 2]

@@ -24,6 +24,8 @@ from deformnb.volume.plane import Plane
 from deformnb.volume.sampling import compute_type
 from deformnb.volume.transfer import TransferFunction, typical_range
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping import planning
+from deformnb.warping.voxel_readers import CompiledReader, VoxelInput, make_reader
 
 _AMBIENT, _DIFFUSE, _GLOSS = 0.35, 0.75, 0.35
 
@@ -175,6 +177,36 @@ class Layers:
             return wide * (a0 + d * columns), wide * (b0 + d * rows), np.full(len(rows), depth)
 
         return cls(lattice.shape, (d, d, d), values, places, windows)
+
+    @classmethod
+    def read_rounded(cls, volume: Volume, lattice: Grid, windows: NDArray[np.intp] | None = None) -> Layers | None:
+        """Layers of :meth:`from_lattice` in the type of the volume, background outside of it, read by compiled loops.
+
+        Returns
+        -------
+        None where no compiled loops are at hand, or the volume is too large for them.
+        """
+        voxels = np.ascontiguousarray(volume.finite_values)
+        if voxels.dtype == np.bool_:
+            voxels = voxels.view(np.uint8)
+        compute = compute_type(voxels.dtype)
+        method = "nearest" if volume.is_labels else "linear"
+        source = VoxelInput(voxels, planning.places(volume.grid, lattice, compute), method, volume.background)
+        reader = make_reader(source)
+        if not isinstance(reader, CompiledReader):
+            return None
+        reader.load()
+        still = (np.zeros((1, 1, 1), np.float32),) * 3
+
+        def values(k: int, rows: slice, columns: slice) -> NDArray[np.generic]:
+            block = (slice(k, k + 1), rows, columns)
+            out = np.empty([part.stop - part.start for part in block], voxels.dtype)
+            if not out.size:
+                return out[0]
+            node = tuple((np.zeros(n, np.int32), np.ones((1, n), np.float32)) for n in out.shape)
+            return reader.read_block(out, block, still, node)[0]
+
+        return cls(lattice.shape, lattice.spacing, values, windows=windows)
 
 
 def corners_of_blocks(mask: NDArray[np.bool_], grid: Grid) -> NDArray[np.float64]:

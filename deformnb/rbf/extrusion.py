@@ -385,7 +385,8 @@ class Extrusion(AbstractField):
     def lattice_values(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         frame = self.plane.frame
         r, c = self.lines(rows, columns)
-        weights = self.weights_at(r[2][:, None] + c[2][None, :])
+        depth = r[2][:, None] + c[2][None, :]
+        weights = self.weights_at(depth[:1, :1] if self.is_replication else depth)
         total = np.zeros((2, r.shape[1], c.shape[1]), dtype=np.float32)
         for m, w in zip(self.maps, weights, strict=True):
             total += w.astype(np.float32) * m.lattice_values(r[:2], c[:2], resolution)

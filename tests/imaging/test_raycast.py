@@ -9,6 +9,7 @@ import pytest
 
 from deformnb.imaging.projection import plane_lattice, project
 from deformnb.imaging.raycast import Layers, PerspectiveCamera, windows_of
+from deformnb.native.jobs import VOXEL_TYPES
 from deformnb.volume.clip import ClipBox, check_clip
 from deformnb.volume.plane import VIEWS, Picture, Plane
 from deformnb.volume.transfer import TransferFunction
@@ -163,6 +164,31 @@ def test_samples_have_the_value_at_their_places(eye: PerspectiveCamera | None) -
         np.testing.assert_allclose(found.ravel()[inside], (index @ [3.0, -2.0, 0.5])[inside], atol=1e-4)
         compared += inside.sum()
     assert compared > 50
+
+
+@pytest.mark.parametrize("is_labels", [False, True])
+@pytest.mark.parametrize("dtype", ["bool", *VOXEL_TYPES])
+def test_layers_of_the_compiled_loops_are_those_of_numpy_rounded(dtype: str, is_labels: bool) -> None:
+    if is_labels and dtype.startswith("float"):
+        pytest.skip("labels are integers")
+    rng = np.random.default_rng(3)
+    values = rng.integers(0, 2 if dtype == "bool" else 120, GRID.shape).astype(dtype)
+    volume, plane = Volume(values, GRID, is_labels=is_labels), Plane.from_normal(GRID.center, rng.normal(size=3))
+    lattice = plane_lattice(GRID, plane, 0.7)
+    read = Layers.read_rounded(volume, lattice)
+    if read is None:
+        pytest.skip("no compiled loops are in use")
+    whole = Layers.from_lattice(volume, lattice, plane, held=(ClipBox.whole(GRID),))
+    tall, wide = lattice.shape[1:]
+    compared = 0
+    for depth in range(0, lattice.shape[0], 3):
+        found, wanted = (layers.values(depth, slice(2, tall), slice(1, wide)) for layers in (read, whole))
+        if not dtype.startswith("float"):
+            wanted = np.rint(wanted)
+        is_close = np.abs(found.astype(float) - wanted) < 1e-3
+        assert is_close.mean() > 0.999  # a place that rounds to the other side of a half, or of the border
+        compared += (wanted != volume.background).sum()
+    assert compared > 1000
 
 
 @pytest.mark.parametrize("eye", [None, PerspectiveCamera(60.0, 41.0, 41.0), PerspectiveCamera(9.0, 9.0, 9.0)])
