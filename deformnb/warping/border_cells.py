@@ -195,7 +195,7 @@ def find_tables_of_parts(
     apart = _steps_in_cell(grid, middles)
     x = (first[:, None, :] + apart[:, :, None]).reshape(3, -1)
     tables = _interpolate(nodes, cells, middles / spacing).reshape(len(nodes), -1)
-    return _find_tables(way, tables, x, (side - 1) / spacing, error).reshape(-1, len(cells))
+    return _find_tables(way, tables, x, (side - 1) / spacing, error).reshape(len(middles) ** 3, len(cells))
 
 
 def part_side(spacing: int) -> int:
