@@ -88,7 +88,7 @@ const options = {
   absWorkingDir: source,
   bundle: true,
   metafile: true,
-  charset: "utf8",
+  charset: "ascii", // a browser holds a text with one letter beyond Latin-1 in two bytes a letter
   target: "es2022",
   loader: { ".glsl": "text", ".svg": "dataurl", ".png": "dataurl" },
   logLevel: "warning",

@@ -93,3 +93,9 @@ def test_the_lock_file_names_no_registry_and_all_platforms() -> None:
     assert not [name for name, package in packages.items() if "resolved" in package]
     wanted = {f"node_modules/{name}" for one in packages.values() for name in one.get("optionalDependencies", {})}
     assert wanted <= packages.keys()
+
+
+def test_a_browser_can_hold_a_bundle_in_a_byte_a_letter() -> None:
+    made = {path for path in module.BUNDLES.glob("*.js") if path.name != "app.js"}  # which a page loads once
+    assert len(made) > 20
+    assert [path.name for path in made if not path.read_bytes().isascii()] == []
