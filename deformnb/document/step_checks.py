@@ -332,7 +332,7 @@ def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
         np.concatenate([getattr(q, name) for q in found])[order]
         for name in ("residual", "leave_one_out", "disagreement")
     )
-    judged = points.take([points.index(ids[k]) for k in order])
+    judged = points.subset([points.index(ids[k]) for k in order])
     share, non_affine = affine_split(judged)
     return FitQuality(
         judged.ids,
@@ -352,7 +352,7 @@ def _dragged_points(step: Step, key: int) -> ControlPoints:
         raise DeformError(f"there is no set of control points {key}; there are {len(step.maps)}.")
     points = step.maps[key]
     points = scaled_points(points, step.parts, step.strength)
-    return points.take(np.flatnonzero(points.active))
+    return points.subset(np.flatnonzero(points.active))
 
 
 def _groups(step: Step, points: ControlPoints) -> list[tuple[Sides, ControlPoints]]:
@@ -360,7 +360,7 @@ def _groups(step: Step, points: ControlPoints) -> list[tuple[Sides, ControlPoint
     if not step.cut_regions or not len(points):
         return [((), points)]
     own = [tuple(row) for row in sides_of(step.cut_regions, points.source).tolist()]
-    return [(sides, points.take([k for k, s in enumerate(own) if s == sides])) for sides in sorted(set(own))]
+    return [(sides, points.subset([k for k, s in enumerate(own) if s == sides])) for sides in sorted(set(own))]
 
 
 def _plain_fit_problem(
@@ -373,7 +373,7 @@ def _plain_fit_problem(
         return points, settings, np.ones(len(points)), None
     drift, weight = fit.parts_at(points.target)
     free = np.flatnonzero(weight > 0)
-    rest, drift, weight = points.take(free), drift[free], weight[free]
+    rest, drift, weight = points.subset(free), drift[free], weight[free]
     required = (rest.displacement - drift) / weight[:, None]
     plain = replace(rest, source=rest.target + required, weight=rest.weight * weight**2)
     return plain, {**settings, "trend": fit.trend}, weight, fit
@@ -388,7 +388,7 @@ def _quality_of(points: ControlPoints, step: Step, grid: Grid) -> FitQuality:
     found = fit_quality(orient_points(plain, step.direction), **settings)  # type: ignore[arg-type]
     if fit is None:
         return found
-    share, non_affine = affine_split(points.take([points.index(i) for i in plain.ids]))
+    share, non_affine = affine_split(points.subset([points.index(i) for i in plain.ids]))
     disagreement = found.disagreement * weight
     loud = {i for i, strain in zip(found.ids, disagreement, strict=True) if strain >= STRAIN}
     return replace(
@@ -432,7 +432,7 @@ def best_prediction(step: Step, progress: Progress | None = None) -> ChosenFit:
     >>> best_prediction(Step((points,), Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)))).settings.direction
     'forward'
     """
-    sets = [some for points in step.maps for _, some in _groups(step, points.take(np.flatnonzero(points.active)))]
+    sets = [some for points in step.maps for _, some in _groups(step, points.subset(np.flatnonzero(points.active)))]
     every = usual_candidates(step.points.dim)
     if any(part.enabled for part in step.parts):
         every = tuple(one for one in every if one.settings.direction == "backward")

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +80,13 @@ NEAREST, NEAREST_AND_EQUAL = 4, 12
 FAR_BEHIND = 12
 
 
+class PointRemarks(NamedTuple):
+    """Remarks on the points of a fit, and their numbers in the list that people see, in the order of its ids."""
+
+    texts: tuple[str, ...] = ()
+    numbers: tuple[int, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class PreparedPoints:
     """Active points, merged and centred, ready for the solve.
@@ -109,6 +116,11 @@ class PreparedPoints:
     def count(self) -> int:
         """Number of different places."""
         return len(self.targets)
+
+    def remarks(self, texts: tuple[str, ...]) -> PointRemarks:
+        """These remarks with the numbers of the points."""
+        number = dict(zip(self.active.ids, self.active.numbers, strict=True))
+        return PointRemarks(texts, tuple(number[i] for i in self.ids))
 
     @property
     def relative(self) -> NDArray[np.float64]:
@@ -184,7 +196,7 @@ def prepare(
             f"{count} control points are more than the {MOST_POINTS} that a fit takes; switch some "
             "off or thin them out."
         )
-    active = points if count == len(points) else points.take(np.flatnonzero(points.active))
+    active = points if count == len(points) else points.subset(np.flatnonzero(points.active))
     radius = _radius(active, kernel, support, trend)
     size = diameter(active)
     limit = LONGEST_SHARE * (size or np.inf)

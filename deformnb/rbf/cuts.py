@@ -127,7 +127,7 @@ def points_of_regions(points: ControlPoints, regions: Sequence[AbstractRegion]) 
         return {}
     sides = [tuple(row) for row in sides_of(regions, points.source[chosen]).tolist()]
     return {
-        region: points.take([k for k, s in zip(chosen, sides, strict=True) if s == region])
+        region: points.subset([k for k, s in zip(chosen, sides, strict=True) if s == region])
         for region in sorted(set(sides))
     }
 

@@ -214,7 +214,7 @@ def fit_rigid(
     drift, weight = drift_and_weight(
         x[free], [y[free] for y in moved], [d[free] for d in distances], scales, weights, np
     )
-    rest = points.take(np.flatnonzero(free))
+    rest = points.subset(np.flatnonzero(free))
     required = (rest.displacement - drift) / weight[:, None]
     base = fit_rbf(
         replace(rest, source=rest.target + required, weight=rest.weight * weight**2),

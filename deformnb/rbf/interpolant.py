@@ -26,7 +26,7 @@ from deformnb._deferred import scipy
 from deformnb._jax import float64, full_precision, jit, jnp, pytree
 from deformnb.devices import is_host
 from deformnb.errors import DeformError
-from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
+from deformnb.rbf.conditioning import PointRemarks, PreparedPoints, crossing_pairs, torn_pairs
 from deformnb.rbf.cross_validation import MOST_LEFT_OUT, leave_one_out, parameters_of, polynomials_of
 from deformnb.rbf.evaluation import (
     CAPACITIES,
@@ -151,7 +151,7 @@ class RBFInterpolant(AbstractInterpolant):
     origin, support : the relative coordinates.
     count : number of centres in use; C is one of :data:`CAPACITIES`.
     kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one requested).
-    of_points : those of the :attr:`notes` that are known before the fit.
+    of_points : what is known of the points before the fit: the first :attr:`notes`, and their numbers for others.
     ids : ids of the control points behind the centres, in order.
     scales : (C,) support / R_j of centres with individual radii, 1 for the others; None if there are none.
     nugget : (C,) lambda / weight of a smoothing fit; None without smoothing.
@@ -176,7 +176,7 @@ class RBFInterpolant(AbstractInterpolant):
     count: Any
     kernel: type[AbstractKernel] = WendlandC2
     trend: str = "affine"
-    of_points: tuple[str, ...] = field(default=())
+    of_points: PointRemarks = field(default=PointRemarks())
     ids: tuple[int, ...] = field(default=())
     scales: Any = None
     nugget: Any = None
@@ -213,7 +213,7 @@ class RBFInterpolant(AbstractInterpolant):
     @cached_property
     def remarks(self) -> tuple[str, ...]:
         """Those of the :attr:`notes` that are known of the points and the trend, without looking at the map."""
-        return self.of_points if self.is_identity else self.of_points + _warnings(self)
+        return self.of_points.texts if self.is_identity else self.of_points.texts + _warnings(self)
 
     @property
     def targets(self) -> NDArray[np.float64]:
@@ -544,7 +544,7 @@ def solve_prepared(
             0,
             kernel,
             "none",
-            ready.notes,
+            ready.remarks(ready.notes),
             (),
             largest=0.0,
         )
@@ -567,7 +567,7 @@ def solve_prepared(
             n,
             kernel,
             ready.trend,
-            ready.notes,
+            ready.remarks(ready.notes),
             ready.ids,
             scales,
             smoothed,
@@ -612,7 +612,7 @@ def solve_prepared(
         n,
         kernel,
         ready.trend,
-        notes,
+        ready.remarks(notes),
         ready.ids,
         scales,
         smoothed,
@@ -699,11 +699,16 @@ def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
         for pair in crossing_pairs(targets, sources, fit.ids, map_linear)
         if pair not in torn and _folds_between(fit, *(targets[fit.ids.index(i)] for i in pair))
     ]
+    number = dict(zip(fit.ids, fit.of_points.numbers or range(1, len(fit.ids) + 1), strict=True))
     notes = [
-        f"control points {i} and {j} share a source and have different targets: the map folds between them"
+        f"control points {number[i]} and {number[j]} share a source and have different targets: "
+        "the map folds between them"
         for i, j in torn
     ]
-    notes += [f"control points {i} and {j} are pulled past each other: the map folds there" for i, j in crossed]
+    notes += [
+        f"control points {number[i]} and {number[j]} are pulled past each other: the map folds there"
+        for i, j in crossed
+    ]
     is_plain = fit.trend == "affine_exact" or (fit.trend in ("affine", "quadratic") and fit.kernel.order >= 2)
     if is_plain and np.linalg.norm(map_linear, 2) > STEEP:
         notes.append(

@@ -257,7 +257,7 @@ def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: 
         f"to {max(counts)} points, blended; between points they deviate by up to {_round_up(deviation):.2g} from "
         "the fit of all"
     )
-    return replace(field, remarks=(*ready.notes, note, *worst.of_points))
+    return replace(field, remarks=(*ready.notes, note, *worst.of_points.texts))
 
 
 def frame_of(x: Floats, d: Floats) -> Floats:

@@ -65,6 +65,8 @@ class ControlPoints:
     radius : (N,) positive, a support radius of the point's own; NaN where it has that of all.
     unit : of all lengths, a symbol or a name of :data:`~deformnb.volume.units.UNITS`; "" where it is that of the volume
         on which they are used. A step of a deformation has that of its deformation.
+    numbers : of the points in the list that people see, for labels: 1 to N unless this is a subset of that list.
+        Neither compared nor stored.
 
     Examples
     --------
@@ -86,11 +88,13 @@ class ControlPoints:
     locked: NDArray[np.bool_] = field(default=None)  # type: ignore[arg-type]  # made in __post_init__
     radius: NDArray[np.float64] = field(default=None)  # type: ignore[arg-type]
     unit: str = ""
+    numbers: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(self, "source", "target", "ids", "names", "active", "weight")
         n = len(self.ids)
         object.__setattr__(self, "unit", check_unit(self.unit))
+        object.__setattr__(self, "numbers", self.numbers or tuple(range(1, n + 1)))
         if self.locked is None:
             object.__setattr__(self, "locked", np.zeros(n, dtype=bool))
         if self.radius is None:
@@ -102,7 +106,7 @@ class ControlPoints:
                 f"got {self.source.shape} and {self.target.shape}."
             )
         counts = [array.shape[0] if array.ndim else -1 for array in self._per_point.values()]
-        if {len(self.source), len(self.names), *counts} != {n}:
+        if {len(self.source), len(self.names), len(self.numbers), *counts} != {n}:
             raise DeformError(f"{len(self.source)} points need as many ids, names, switches, weights, locks and radii.")
         if len(set(self.ids)) != n:
             twice = sorted({i for i in self.ids if self.ids.count(i) > 1})
@@ -305,9 +309,9 @@ class ControlPoints:
         return np.asarray(self.source - self.target)
 
     def label(self, index: int) -> str:
-        """Label of the point at a position, for messages: 'control point 3 ("nose")'."""
+        """Label of the point at a position, by its number in the list, for messages: 'point 3 ("nose")'."""
         name = f' ("{self.names[index]}")' if self.names[index] else ""
-        return f"control point {self.ids[index]}{name}"
+        return f"point {self.numbers[index]}{name}"
 
     def index(self, point: int) -> int:
         """Position of the point with this id; DeformError if there is none."""
@@ -384,7 +388,11 @@ class ControlPoints:
         return self.take([k for k in range(len(self)) if k not in gone])
 
     def take(self, positions: Iterable[int]) -> ControlPoints:
-        """The points at these positions, in this order."""
+        """The points at these positions, in this order: a list of its own, numbered from 1."""
+        return replace(self.subset(positions), numbers=())
+
+    def subset(self, positions: Iterable[int]) -> ControlPoints:
+        """The points at these positions, in this order, as part of this list: each keeps its number."""
         k = _per_point(_check_list(positions, "positions"), np.int64, "positions").tolist()
         if k and not -len(self) <= min(k) <= max(k) < len(self):
             raise DeformError(f"there are {len(self)} control points; positions {min(k)} to {max(k)} were requested.")
@@ -398,6 +406,7 @@ class ControlPoints:
             self.next_id,
             self.locked[k],
             self.radius[k],
+            numbers=tuple(self.numbers[p] for p in k),
         )
 
     def scaled(self, strength: float) -> ControlPoints:

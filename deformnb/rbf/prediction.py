@@ -266,7 +266,7 @@ def choose_fit(
     'quadratic'
     """
     given = [points] if isinstance(points, ControlPoints) else list(points)
-    sets = [s.take(np.flatnonzero(s.active)) for s in map(as_control_points, given)]
+    sets = [s.subset(np.flatnonzero(s.active)) for s in map(as_control_points, given)]
     sets = [s for s in sets if len(s)]
     if not sets:
         raise DeformError("there is no active control point, so there is nothing to predict; add or switch on some.")
@@ -331,7 +331,7 @@ def _distinct(points: ControlPoints) -> ControlPoints:
         for k in range(len(points)):
             near = np.linalg.norm(places[:k] - places[k], axis=1) <= tiny
             keep[k] &= not (near & keep[:k]).any()
-    return points.take(np.flatnonzero(keep))
+    return points.subset(np.flatnonzero(keep))
 
 
 def _size(places: Floats) -> float:
@@ -345,7 +345,7 @@ def _evenly(points: ControlPoints) -> ControlPoints:
         return points
     depth = int(np.ceil(np.log2(len(points))))
     order = np.concatenate(blocks_of(points.source, depth))
-    return points.take(np.sort(order[np.linspace(0, len(order) - 1, MOST_JUDGED).astype(int)]))
+    return points.subset(np.sort(order[np.linspace(0, len(order) - 1, MOST_JUDGED).astype(int)]))
 
 
 def blocks_of(places: Floats, halvings: int) -> PointBlocks:
@@ -544,7 +544,7 @@ def _refit_errors(points: ControlPoints, settings: FitSettings, blocks: PointBlo
 def _squares_of(points: ControlPoints, settings: FitSettings, blocks: PointBlocks) -> Iterator[Floats]:
     size = _size(points.target)
     for block in blocks:
-        fit = settings.fit(points.take(np.setdiff1d(np.arange(len(points)), block)))
+        fit = settings.fit(points.subset(np.setdiff1d(np.arange(len(points)), block)))
         source, target = points.source[block], points.target[block]
         if isinstance(fit, ForwardFit):
             y = source + fit.forward.displacement(source)

@@ -182,7 +182,7 @@ def fits_around_slits(
     previous : the blended fits before these.
     """
     stop = [k for k, cut in enumerate(cuts) if is_slit(cut)]
-    active = points.take(np.flatnonzero(points.active))
+    active = points.subset(np.flatnonzero(points.active))
     if not len(active):
         return {}
     subsets = [

@@ -135,7 +135,7 @@ def choose_support(
     50.0
     """
     kind = as_kernel(kernel)
-    used = [points.take(np.flatnonzero(points.active)) for points in sets if points.active.any()]
+    used = [points.subset(np.flatnonzero(points.active)) for points in sets if points.active.any()]
     sizes = [size for points in used if (size := diameter(points))]
     if not sizes:
         return None

@@ -53,6 +53,8 @@ export type Matrix = [Vector, Vector, ...Vector[]];
 export interface Point<V extends Vector = Vector> extends PointData {
   source: V;
   target: V;
+  /** In the list that people see, from 1: only within a fit, of whose points some may be left out */
+  number?: number;
 }
 
 export type PicturePoint = Point<Vector2>;

@@ -175,7 +175,7 @@ def test_points_that_turn_without_a_fold_are_not_said_to_fold(open_editor: Any, 
     editor.points = ControlPoints.from_arrays([*corners, [40, 20], [90, 25]], [*corners, [90.5, 25], [90, 25]])
     page.wait_settled()
     assert page.js(f"{PAGE}.map.folds.least") < 0
-    assert notes(page) == "control points 4 and 5 are pulled past each other: the map folds there"
+    assert notes(page) == "control points 5 and 6 are pulled past each other: the map folds there"
     line = np.array([[30.0, 0.0], [60.0, 20.0], [90.0, 40.0]])
     editor.points = ControlPoints.from_arrays(line, line + np.array([[0, 0], [3, 2], [0, 0]]))
     page.wait_settled()
@@ -212,9 +212,9 @@ def test_tips_explain_the_folds_and_the_points(open_editor: Any, picture: Pictur
     assert "smallest factor" in tip
     assert "below 0 the picture folds over itself" in tip
     tips = page.js("[...document.querySelectorAll('[data-id] > title')].map((t) => t.textContent)")
-    assert tips[0] == "point 0: not dragged; reaches 80"
+    assert tips[0] == "point 1: not dragged; reaches 80"
     assert tips[1] == "top right: dragged by 5, -4 from 110, -5; reaches 80"
-    assert tips[3] == "point 3: not dragged; switched off"
+    assert tips[3] == "point 4: not dragged; switched off"
     editor.points = ControlPoints.empty()
     page.wait_settled()
     assert page.page.locator(".dnb-ed-folds").get_attribute("title") == ""

@@ -327,7 +327,7 @@ def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(
         f"{PAGE}.tools.points.edit({PAGE}.points.list.map((p) => "
         f"p.id === 3 ? {{ ...p, target: [...{PAGE}.points.list[2].target] }} : p))"
     )
-    assert "control point 2 and control point 3 are at the same place" in page.page.locator("[role=alert]").inner_text()
+    assert "point 3 and point 4 are at the same place" in page.page.locator("[role=alert]").inner_text()
     assert page.points == points
     page.editor.kernel = "thin_plate"
     page.editor.trend = "rigid"
@@ -527,7 +527,7 @@ def test_points_that_are_only_shown_stay(open_editor: Any, picture: Picture, poi
 def test_everything_has_a_name_and_a_role(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     page = open_editor(Editor(picture, points.move(1, [115, -9]), label="A fish"))
     label = page.page.locator("[data-id='1']").get_attribute("aria-label")
-    assert label == "Point 1 top right, at 115, -9, dragged 5 right, 4 up"
+    assert label == "Point 2 top right, at 115, -9, dragged 5 right, 4 up"
     assert page.page.locator("[role=application]").get_attribute("aria-label").startswith("A fish with control points")
     nameless = page.js("""[...document.querySelectorAll("button, input, [tabindex], [role]")].filter((e) =>
         !e.getAttribute("aria-label") && !["alert", "status", "group"].includes(e.getAttribute("role")))

@@ -318,7 +318,7 @@ def test_parts_that_python_proposes_are_asked_about_in_the_same_way(open_editor:
     moved = RigidPart(BONE.region, RigidMotion.turn(0, (0, 0), (24, 0)), name="bone")
     page.editor.propose([moved], "shift bone")
     page.wait("!document.querySelector('.dnb-ed-alert').hidden")
-    assert "Control point 4 in this rigid part requires another" in page.page.locator(".dnb-ed-alert").inner_text()
+    assert "Point 5 in this rigid part requires another" in page.page.locator(".dnb-ed-alert").inner_text()
     page.page.get_by_role("button", name="Switch it off").click()
     page.wait_answered()
     assert page.editor.parts == (moved,)

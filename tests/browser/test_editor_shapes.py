@@ -249,7 +249,7 @@ def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(
     draw(page, "p", corners)
     assert editor.parts == ()
     said = page.page.locator(".dnb-ed-alert").inner_text()
-    assert "Control point 1 in this rigid part requires another movement" in said
+    assert "Point 2 in this rigid part requires another movement" in said
     page.wait("document.querySelector('.dnb-ed-draft').getAttribute('visibility') === 'visible'")  # the outline is kept
     page.page.keyboard.press("Escape")
     page.wait("document.querySelector('.dnb-ed-draft').getAttribute('visibility') === 'hidden'")

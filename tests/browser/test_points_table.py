@@ -117,7 +117,7 @@ def test_a_name_a_switch_and_a_coordinate_reach_the_session_and_the_picture(tabl
 
 def test_what_is_no_number_is_refused_in_words_and_the_old_value_stays(table: TableOnPage) -> None:
     table.write(2, "source_b", "NaN")
-    assert table.guard.errors == ["source b of control point 2 must be a number, got 'NaN'."]
+    assert table.guard.errors == ["source b of point 3 must be a number, got 'NaN'."]
     assert table.cell(2, "source_b").inner_text() == "60.00"
     assert "dnb-pt-refused" in table.cell(2, "source_b").get_attribute("class")
     table.cell(2, "source_b").dblclick()

@@ -177,7 +177,7 @@ def test_notes_name_each_thing_once() -> None:
 
 def test_a_bad_step_says_so_when_it_is_used() -> None:
     double = POINTS.add([1, 1], [0, 0])
-    with pytest.raises(DeformError, match="control point 0 and control point 4 are at the same place"):
+    with pytest.raises(DeformError, match="point 1 and point 5 are at the same place"):
         Deformation.from_picture_points(GRID, PLANE, double).field(GRID)
     with pytest.raises(DeformError, match=r"thin_plate kernel .* needs a trend of affine"):
         Deformation.from_picture_points(GRID, PLANE, POINTS, kernel="thin_plate", trend="rigid").field(GRID)

@@ -131,7 +131,7 @@ def test_points_that_are_swapped_fold_in_any_number_of_stages() -> None:
     swapped = a_step(([20, 32], [40, 32]), ([40, 32], [20, 32]))
     with pytest.raises(DeformError, match="through one another"):
         required_stages(swapped, GRID, most=8)
-    with pytest.raises(DeformError, match="control point 4 and control point 5 are at the same place"):  # no fold
+    with pytest.raises(DeformError, match="point 5 and point 6 are at the same place"):  # no fold
         required_stages(a_step(NEAR, ([24.0, 30.0], NEAR[1])), GRID)
     part = RigidPart(Polygon([(40, 50), (50, 50), (50, 60)]), RigidMotion.turn(0.3, (45, 55)))
     with pytest.raises(DeformError, match="more stages do not help"):

@@ -286,7 +286,7 @@ def test_coordinates_that_are_no_numbers_are_refused_and_named() -> None:
     main = """(points) => { points[1].target = [1, NaN];
         try { rbfFit(points); return "none"; } catch (error) { return error.message; } }"""
     message = run_script(FILES, main, as_json(scattered(3)))
-    assert message.startswith("the target of control point 1 is [1,NaN]")
+    assert message.startswith("the target of point 2 is [1,NaN]")
 
 
 def test_a_turn_that_the_points_leave_open_is_kept() -> None:

@@ -58,7 +58,7 @@ def promised(points: ControlPoints) -> float:
 
 
 def notes_of(fit: Any) -> str:
-    return "; ".join(fit.remarks if isinstance(fit, LocalFits) else fit.of_points)
+    return "; ".join(fit.remarks if isinstance(fit, LocalFits) else fit.of_points.texts)
 
 
 @pytest.mark.parametrize("share", SHARES)
@@ -87,7 +87,7 @@ def test_points_that_contradict_each_other_are_met_or_named(kernel: str, dim: in
         refusal = ""
     if refusal:
         assert share < 1e-3  # SciPy's own residual of the smooth kernels is a share of all displacements there
-        assert "control point 0 and control point 1" in refusal
+        assert "point 1 and point 2" in refusal
         return
     largest = np.linalg.norm(points.displacement, axis=1).max()
     assert miss <= fit.bound() <= promised(points) + 10 * MOST_MISSED * largest
@@ -104,7 +104,7 @@ def test_points_that_contradict_each_other_are_met_or_named(kernel: str, dim: in
 def test_so_are_two_of_two_thousand(kernel: str, dim: int, share: float, kind: str) -> None:
     points = near_pair(2000, dim, share, kind)
     if kind == "noise" and share < 1e-3:
-        with pytest.raises(DeformError, match="control point 0 and control point 1"):
+        with pytest.raises(DeformError, match="point 1 and point 2"):
             fit_rbf(points, **settings(kernel))
         return
     fit, miss, theirs = misses(points, kernel)
@@ -137,7 +137,7 @@ def test_a_singular_system_is_fitted_locally_with_a_note() -> None:
 @pytest.mark.parametrize("kernel", sorted(BUILT_IN))
 def test_one_place_with_two_displacements_is_refused_by_name(kernel: str) -> None:
     points = near_pair(40, 2, 0.0, "noise")
-    with pytest.raises(DeformError, match="control point 0 and control point 1 are at the same place"):
+    with pytest.raises(DeformError, match="point 1 and point 2 are at the same place"):
         fit_rbf(points, **settings(kernel))
 
 
@@ -146,5 +146,5 @@ def test_points_at_nearly_one_place_that_move_alike_count_as_one_and_say_how_far
     fit = fit_rbf(points, kernel="cubic")
     apart = np.linalg.norm(points.displacement[0] - points.displacement[1])
     assert apart > 0
-    assert fit.of_points == ("control point 0, control point 1 are at one place and count as one",)
+    assert fit.of_points.texts == ("point 1, point 2 are at one place and count as one",)
     assert promised(points) < fit.bound() <= promised(points) + 1.01 * apart

@@ -146,7 +146,7 @@ def test_what_is_no_number_is_refused_by_name(change: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("weight", [0.0, -1.0, np.nan, np.inf])
 def test_weights_that_are_not_positive_name_the_point(weight: float) -> None:
-    with pytest.raises(DeformError, match=r'the weight of control point 2 \("c"\) is .*must be positive'):
+    with pytest.raises(DeformError, match=r'the weight of point 3 \("c"\) is .*must be positive'):
         THREE.edit(2, weight=weight)
 
 

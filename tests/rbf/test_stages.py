@@ -130,7 +130,7 @@ def test_other_numbers_of_stages_are_refused(stages: Any) -> None:
 
 def test_points_that_pass_through_one_another_are_named() -> None:
     swap = ControlPoints.from_arrays([[10, 10], [30, 10], [20, 40]], [[30, 10], [10, 10], [20, 40]])
-    with pytest.raises(DeformError, match=r"in stage 1 of 2, on the straight paths.*point 0 and control point 1"):
+    with pytest.raises(DeformError, match=r"in stage 1 of 2, on the straight paths.*point 1 and point 2"):
         fit_points(swap, stages=2)
 
 

@@ -174,7 +174,7 @@ CASES = [
     "How far it is dragged, mm",
     "How far it is dragged, in the volume's unit",
     (
-        'the system is nearly singular (closest are control point 6 ("move 1") and control point 26): the map misses '
+        'the system is nearly singular (closest are point 6 ("move 1") and point 26): the map misses '
         "its targets by up to 0.3; a smaller support, a Wendland kernel or a little smoothing would not; control "
         "points 2 and 4 are pulled past each other: the map folds there"
     ),

@@ -478,5 +478,6 @@ def _merge(into: ControlPoints, records: list[dict[str, Any]]) -> ReadPoints:
     }
     for name in ("source", "target"):
         arrays[name] = arrays[name].reshape(-1, into.dim)
-    made = replace(into, ids=tuple(ids), names=names, next_id=max([into.next_id, *(i + 1 for i in ids)]), **arrays)
+    next_id = max([into.next_id, *(i + 1 for i in ids)])
+    made = replace(into, ids=tuple(ids), names=names, next_id=next_id, numbers=(), **arrays)
     return ReadPoints(made, tuple(dict.fromkeys(changed)), tuple(ids[len(into) :]))

@@ -84,7 +84,7 @@ def _who(points: ControlPoints, positions: list[int]) -> str:
     if len(positions) > 1:
         return f"{len(positions)} points"
     k = positions[0]
-    return f'"{points.names[k]}"' if points.names[k] else f"point {points.ids[k]}"
+    return f'"{points.names[k]}"' if points.names[k] else points.label(k)
 
 
 _DEEPEST = 8  # a branch of a branch of ...: deeper ones are not moved in further

@@ -186,8 +186,9 @@ def length_text(value: float) -> str:
 
 def point_name(points: ControlPoints, point: int) -> str:
     """Label of a point in a panel."""
-    name = points.names[points.index(point)]
-    return f"point {point} ({name[:40]})" if name else f"point {point}"
+    k = points.index(point)
+    number, name = points.numbers[k], points.names[k]
+    return f"point {number} ({name[:40]})" if name else f"point {number}"
 
 
 def suspects_of(found: Diagnostics, points: ControlPoints) -> tuple[str, list[int]]:

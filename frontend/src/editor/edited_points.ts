@@ -1,5 +1,6 @@
 // The points and shapes of one view of an editor, as they are during a drag, and which of them are selected.
 
+import { numberOf } from "../maths/point_names.ts";
 import { nextId } from "../maths/points.ts";
 import { RestingTrait, type Sender } from "../sync/edits.ts";
 import type { Point, Shapes, Vector } from "../types.ts";
@@ -47,6 +48,11 @@ export class EditedPoints<V extends Vector> {
   /** The id of the next point that is added to a list. */
   nextId(list = this.list) {
     return nextId(list, this.editor.sender.nextId);
+  }
+
+  /** The number of a point in the list, from 1: people know it by that. */
+  numberOf(id: number) {
+    return numberOf(this.list, id);
   }
 
   withId(id: number) {

@@ -112,7 +112,7 @@ export class EditorView extends EditorDrawing {
     tools.parts = new PartTools(parts);
     tools.foldStop = new FoldStop(parts);
     tools.foldOffers = new FoldOffers(parts);
-    layers.handles = new Handles(this.stage.svg);
+    layers.handles = new Handles(this.stage.svg, (id) => parts.points.numberOf(id));
     tools.drag = new PointDrag(parts);
     tools.points = new PointTools(parts);
     tools.turns = new PointTurns(parts);

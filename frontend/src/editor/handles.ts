@@ -3,6 +3,7 @@
 
 import { difference } from "../maths/camera.ts";
 import { formatLength } from "../maths/numbers.ts";
+import { nameOf } from "../maths/point_names.ts";
 import { middleOf } from "../maths/points.ts";
 import type { Mirror, Vector, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
@@ -21,7 +22,10 @@ export type DrawnPoint = {
 };
 
 /** Descriptions of a point, for screen readers and where the mouse rests. */
-export type PointWords<P extends DrawnPoint> = { label: (p: P) => string; tip: (p: P, reach: number) => string };
+export type PointWords<P extends DrawnPoint> = {
+  label: (p: P, number: number) => string;
+  tip: (p: P, number: number, reach: number) => string;
+};
 
 /** The state that ToolMarks draw. */
 export interface MarksScene {
@@ -111,7 +115,7 @@ export function pathAt(path: string, x: number, y: number) {
 }
 
 /** The description of a point for screen readers. */
-export function pointLabel(p: DrawnPoint) {
+export function pointLabel(p: DrawnPoint, number: number) {
   const da = p.target[0] - p.source[0],
     db = p.target[1] - p.source[1];
   const moves: string[] = [];
@@ -120,16 +124,16 @@ export function pointLabel(p: DrawnPoint) {
   const drag = moves.length ? `dragged ${moves.join(", ")}` : "not dragged";
   const name = p.name ? ` ${p.name}` : "";
   const states = `${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`;
-  return `Point ${p.id}${name}, at ${p.target.map(formatLength).join(", ")}, ${drag}${states}`;
+  return `Point ${number}${name}, at ${p.target.map(formatLength).join(", ")}, ${drag}${states}`;
 }
 
 /** The text where the mouse rests on a point. */
-function pointTip(p: DrawnPoint, reach: number) {
+function pointTip(p: DrawnPoint, number: number, reach: number) {
   const by = difference(p.target, p.source);
   const place = (at: Vector) => at.map(formatLength).join(", ");
   const drag = by.some((value) => value !== 0) ? `dragged by ${place(by)} from ${place(p.source)}` : "not dragged";
   const state = !p.active ? "; switched off" : reach ? `; reaches ${formatLength(reach)}` : "";
-  return `${p.name || `point ${p.id}`}: ${drag}${state}`;
+  return `${nameOf(p, number)}: ${drag}${state}`;
 }
 
 /** The points as elements, which can have the focus and be dragged. */
@@ -146,6 +150,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
 
   constructor(
     readonly svg: SVGSVGElement,
+    readonly numberOf: (id: number) => number,
     readonly words: PointWords<P> = { label: pointLabel, tip: pointTip },
   ) {
     this.radii = svgElement("g", { class: "dnb-ed-radii", "aria-hidden": "true" }, svg);
@@ -190,8 +195,10 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
         mark = markOf(p);
       const isSelected = selected.has(p.id),
         isSuspect = this.suspects.has(p.id);
+      const number = this.numberOf(p.id);
       const drawn = [
         p,
+        number,
         isSelected,
         isSuspect,
         hasRadius && radius,
@@ -208,7 +215,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
       this.#mark(parts, mark);
       this.#place(parts, p, isSelected, view, hasRadius ? (p.radius ?? radius) : 0);
       parts.target.classList.toggle("dnb-ed-suspect", isSuspect);
-      setText(parts.tip, this.words.tip(p, reach) + (isSuspect ? "; disagrees with its neighbours" : ""));
+      setText(parts.tip, this.words.tip(p, number, reach) + (isSuspect ? "; disagrees with its neighbours" : ""));
     });
     if (this.stop === null && points.length) {
       const chosen = points.filter((p) => selected.has(p.id)),
@@ -359,9 +366,9 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
 
   #label({ target, text }: HandleParts, p: P, [left]: number[], width: number) {
     const isLeft = left! > width - 90;
-    setAttributes(target, { "aria-label": this.words.label(p) });
+    setAttributes(target, { "aria-label": this.words.label(p, this.numberOf(p.id)) });
     setAttributes(text, { x: isLeft ? -12 : 12, y: -8, "text-anchor": isLeft ? "end" : "start" });
-    setText(text, p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(p.id));
+    setText(text, p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(this.numberOf(p.id)));
   }
 
   #arrow(arrow: SVGElement, from: Vector2, at: Vector2) {

@@ -6,8 +6,8 @@
 
 import type { WindowPointer } from "../generated.ts";
 import { MOST_NAMED } from "../generated.ts";
+import { labelOf } from "../maths/point_names.ts";
 import { changedIds } from "../maths/points.ts";
-import { rbfLabel } from "../maths/rbf.ts";
 import type { Vector2 } from "../types.ts";
 import { pageElement } from "../ui/dom.ts";
 import type { EditorParts } from "./parts.ts";
@@ -174,7 +174,7 @@ export class OtherWindows {
     const { messages, points } = this.editor,
       mine = this.#dragged;
     const one = points.list.find(({ id }) => id === moved[0]),
-      name = one ? rbfLabel(one) : "A point";
+      name = one ? labelOf(one, points.numberOf(one.id)) : "A point";
     if (moved.some((id) => mine.includes(id))) {
       messages.hint(`${name} was moved in another window too: the place where you let it go counts`, 6000);
     } else if (moved.length === 1) messages.hint(`${name} was moved in another window`, 4000);

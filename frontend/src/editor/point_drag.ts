@@ -1,8 +1,8 @@
 // Drags of control points: as far as folds and rigid parts let them go, sent to Python while it follows.
 
 import type { PointsEdit } from "../generated.ts";
+import { labelOf, numberOf } from "../maths/point_names.ts";
 import { freeIds, includeRims, placeBetween, translatePoints } from "../maths/points.ts";
-import { rbfLabel } from "../maths/rbf.ts";
 import { findConflicts, partLabel } from "../maths/rigid_stages.ts";
 import type { PartData, PicturePoint, Point, Vector2 } from "../types.ts";
 import type { MapState } from "./fold_stop.ts";
@@ -90,7 +90,8 @@ export class PointDrag implements PointDragger {
       return;
     }
     if (editor.points.list === drag0 && editor.tools.others.holds(free)) {
-      editor.messages.hint(`${rbfLabel(drag0.find((p) => p.id === id) ?? drag0[0]!)} is being moved in another window`);
+      const held = drag0.find((p) => p.id === id) ?? drag0[0]!;
+      editor.messages.hint(`${labelOf(held, numberOf(drag0, held.id))} is being moved in another window`);
       return;
     }
     const way = this.#snapMove(id, by, what, isLoose),
@@ -135,7 +136,8 @@ export class PointDrag implements PointDragger {
 
   hintConflict({ point, part }: Held) {
     const why = part.motion ? "has its own motion" : "is fixed";
-    this.editor.messages.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
+    const { messages, points } = this.editor;
+    messages.hint(`${labelOf(point, points.numberOf(point.id))} cannot go into ${partLabel(part)}, which ${why}`);
   }
 
   /** Returns whether the drag was an edit. */

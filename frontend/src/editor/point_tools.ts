@@ -1,6 +1,7 @@
 // The editor's tools for points: single edits, the mirror, the grid and locks.
 
 import type { PointsEdit } from "../generated.ts";
+import { isNamed, labelOf } from "../maths/point_names.ts";
 import {
   freeIds,
   includeRims,
@@ -13,7 +14,7 @@ import {
   togglePoints,
   translatePoints,
 } from "../maths/points.ts";
-import { RbfError, rbfLabel } from "../maths/rbf.ts";
+import { RbfError } from "../maths/rbf.ts";
 import { type FitChange, MOST_CHARACTERS } from "../sync/edits.ts";
 import type { FitSettings, PicturePoint, Vector2 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
@@ -81,7 +82,7 @@ export class PointTools {
       if (!(error instanceof RbfError)) throw error;
       const { message } = error;
       editor.messages.show(message, true);
-      editor.layers.handles.blink(points.filter((p) => message.includes(rbfLabel(p))).map((p) => p.id));
+      editor.layers.handles.blink(points.filter((p, k) => isNamed(message, labelOf(p, k + 1))).map((p) => p.id));
       return false;
     }
     return true;
@@ -98,7 +99,11 @@ export class PointTools {
 
   hintLocked([id]: number[]) {
     const p = this.editor.points.withId(id!);
-    if (p) this.editor.messages.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
+    if (p)
+      this.editor.messages.hint(
+        `${p.name || `Point ${this.editor.points.numberOf(p.id)}`} is locked; L frees it`,
+        4000,
+      );
   }
 
   /**
@@ -120,7 +125,7 @@ export class PointTools {
       `nudge ${ids}`,
     );
     const p = editor.points.withId(ids[0]!);
-    if (p && ids.length === 1) editor.messages.announce(pointLabel(p));
+    if (p && ids.length === 1) editor.messages.announce(pointLabel(p, editor.points.numberOf(p.id)));
   }
 
   /**
@@ -166,7 +171,7 @@ export class PointTools {
     editor.points.select([id]);
     editor.frames.drawNow();
     editor.layers.handles.focus(id);
-    if (p) editor.messages.announce(`${pointLabel(p)}, ${remark}`);
+    if (p) editor.messages.announce(`${pointLabel(p, editor.points.numberOf(id))}, ${remark}`);
   }
 
   remove(wanted: number[]) {
@@ -175,7 +180,7 @@ export class PointTools {
       at = editor.points.list.findIndex((p) => p.id === ids[0]);
     const hadFocus = editor.stage.svg.contains(treeOf(editor.stage.root).activeElement);
     if (!ids.length || !this.change(removePoints(editor.points.list, ids), "remove")) return;
-    editor.messages.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
+    editor.messages.announce(ids.length === 1 ? `point ${at + 1} deleted` : `${ids.length} points deleted`);
     const next = editor.points.list[Math.min(at, editor.points.list.length - 1)];
     editor.frames.drawNow();
     if (hadFocus && next) editor.layers.handles.focus(next.id);
@@ -186,7 +191,7 @@ export class PointTools {
     const { editor } = this,
       p = editor.points.withId(id);
     if (!p || editor.points.isLocked) return;
-    editor.panels.names.prompt(p.name, `point ${id}`, editor.viewport.toView(p.target), {
+    editor.panels.names.prompt(p.name, `point ${editor.points.numberOf(id)}`, editor.viewport.toView(p.target), {
       take: (text) => {
         this.edit(renamePoint(editor.points.list, id, text), "rename");
       },
@@ -215,7 +220,7 @@ export class PointTools {
     if (!this.edit(toggleLocks(editor.points.list, ids), "lock")) return;
     const isLocked = editor.points.withId(ids[0]!)?.locked;
     editor.messages.announce(
-      `${ids.length === 1 ? `point ${ids[0]}` : `${ids.length} points`} ${isLocked ? "locked" : "free"}`,
+      `${ids.length === 1 ? `point ${editor.points.numberOf(ids[0]!)}` : `${ids.length} points`} ${isLocked ? "locked" : "free"}`,
     );
   }
 }

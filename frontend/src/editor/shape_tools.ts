@@ -3,8 +3,8 @@
 import { LONGEST_KIND } from "../generated.ts";
 import { sidesKey } from "../maths/cuts.ts";
 import { formatLength } from "../maths/numbers.ts";
+import { labelOf, numberOf } from "../maths/point_names.ts";
 import { cleanShapes, middleOf, sameShapes, updatePoints } from "../maths/points.ts";
-import { rbfLabel } from "../maths/rbf.ts";
 import { regionFault } from "../maths/regions.ts";
 import { findConflicts } from "../maths/rigid_stages.ts";
 import {
@@ -626,7 +626,7 @@ export class ShapeTools {
     if (!held.length) return false;
     const one = held.length === 1,
       [who, it, whose] = one
-        ? [rbfLabel(held[0]!.point), "it", "its"]
+        ? [labelOf(held[0]!.point, numberOf(offer.points, held[0]!.point.id)), "it", "its"]
         : [`${held.length} control points`, "them", "their"];
     editor.messages.show(
       `${who[0]!.toUpperCase()}${who.slice(1)} in this rigid part require${one ? "s" : ""} another ` +

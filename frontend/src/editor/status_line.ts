@@ -103,7 +103,7 @@ export class StatusLine {
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
     const chosen = one
-      ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(formatLength).join(", ")}`
+      ? `point ${this.editor.points.numberOf(one.id)}${one.name ? ` ${one.name}` : ""} at ${one.target.map(formatLength).join(", ")}`
       : selected.size
         ? `${selected.size} selected`
         : shapeTools.choice.name;

@@ -1,6 +1,7 @@
 // The rows of the table of control points: the data that Python sends, columns, order, selection, texts. No DOM.
 
 import type { PointsCommand } from "../generated.ts";
+import { numberOf } from "../maths/point_names.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { Model, Point } from "../types.ts";
 
@@ -43,7 +44,7 @@ export function pointColumns(dim: number): Column[] {
     unit = "in the volume's unit",
     number = "number" as const;
   return [
-    { key: "id", title: "Id", kind: "fact", width: "52px", tip: "Number of the point; never given twice" },
+    { key: "id", title: "Id", kind: "fact", width: "52px", tip: "Id of the point in Python; never given twice" },
     { key: "name", title: "Name", kind: "text", width: "minmax(80px, 1fr)", tip: "Name of the point" },
     {
       key: "active",
@@ -268,6 +269,11 @@ export class PointList {
 
   get last() {
     return this.order.length - 1;
+  }
+
+  /** The number of a point among all, from 1, by which people know it. */
+  numberOf(id: number) {
+    return numberOf(this.points, id);
   }
 
   /** The place of a point in the order, or -1. */

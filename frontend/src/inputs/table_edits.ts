@@ -1,6 +1,7 @@
 // The edits of the table of control points: requests to Python, the input in a cell, and points as CSV text.
 
 import type { PointsCommand, PointsTableToFrontEnd } from "../generated.ts";
+import { nameOf } from "../maths/point_names.ts";
 import type { Model } from "../types.ts";
 import { OWN_KEYS, pageElement, setText, targetOf } from "../ui/dom.ts";
 import type { Column, PointList, Selection } from "./point_rows.ts";
@@ -75,7 +76,7 @@ export class CellInput {
       p = list.at(list.rankOf(id));
     if (!p || !column || !isEditable(column) || requests.isReadOnly) return;
     if (p.locked && column.axis !== undefined) {
-      requests.showMessage(`${p.name || `Point ${p.id}`} is locked. Unlock it to move it.`);
+      requests.showMessage(`${p.name || `Point ${list.numberOf(p.id)}`} is locked. Unlock it to move it.`);
       return;
     }
     this.cell.move(list.rankOf(id), key, false);
@@ -87,7 +88,7 @@ export class CellInput {
       spellcheck: "false",
       autocomplete: "off",
       maxlength: column.kind === "text" ? 80 : 40,
-      "aria-label": `${column.tip.split(":")[0]} of ${p.name || `point ${p.id}`}`,
+      "aria-label": `${column.tip.split(":")[0]} of ${nameOf(p, list.numberOf(p.id))}`,
       ...(column.key === "radius" ? { placeholder: "as all" } : {}),
       ...OWN_KEYS,
     });

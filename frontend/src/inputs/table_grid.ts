@@ -1,5 +1,6 @@
 // The elements of the table of control points: headings, the rows in sight, and the marked cell.
 
+import { nameOf } from "../maths/point_names.ts";
 import { buttonElement, iconElement, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.ts";
 import type { Column, PointList, TableRow } from "./point_rows.ts";
 import { cellValue, editText, fittingColumns, formatNumber, leastWidth, pointColumns } from "./point_rows.ts";
@@ -178,7 +179,7 @@ export class TableGrid {
   }
 
   #fill(row: HTMLElement, p: TableRow, isSelected: boolean, isSmoothed: boolean) {
-    const who = p.name || `point ${p.id}`,
+    const who = nameOf(p, this.list.numberOf(p.id)),
       moved = this.list.moved(p);
     row.className = `dnb-pt-row${isSelected ? " dnb-pt-selected" : ""}${p.active ? "" : " dnb-pt-off"}`;
     this.columns.forEach((column, k) => {
@@ -201,9 +202,11 @@ export class TableGrid {
       isNumber = typeof value === "number" && column.key !== "id";
     const isSuspect = column.key === "error" && p.suspect;
     const isFixed = p.locked && column.axis !== undefined;
-    const text = isNumber ? formatNumber(value) : String(value);
+    const isUnnamed = column.key === "name" && !p.name;
+    const text = isNumber ? formatNumber(value) : isUnnamed ? nameOf(p, this.list.numberOf(p.id)) : String(value);
     setText(cell, `${isSuspect ? "! " : ""}${text}`);
     cell.classList.toggle("dnb-pt-suspect", isSuspect);
+    cell.classList.toggle("dnb-pt-unnamed", isUnnamed);
     const tip = isSuspect
       ? "This point disagrees with its neighbours: check its place"
       : isNumber || column.key === "name"

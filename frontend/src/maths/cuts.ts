@@ -3,12 +3,14 @@
 
 import { MOST_SLITS } from "../generated.ts";
 import type { Fit, FitSettings, LayeredFit, Point, Raster, Region, Vector2, Vector4 } from "../types.ts";
+import { numberPoints } from "./point_names.ts";
 import { RbfError, rbfCheckPoints } from "./rbf.ts";
 import { regionOf } from "./regions.ts";
 import { fieldAt, fieldOnRaster, stagedFit } from "./rigid_stages.ts";
 
 /** The fits of the points in the regions between the cuts; without cuts one fit of all points. */
-export function layeredFit(points: Point[], settings: FitSettings & { previous?: LayeredFit | null } = {}): LayeredFit {
+export function layeredFit(given: Point[], settings: FitSettings & { previous?: LayeredFit | null } = {}): LayeredFit {
+  const points = numberPoints(given);
   const regions = (settings.cuts ?? []).filter((cut) => cut.enabled !== false).map((cut) => regionOf(cut.region));
   const before = new Map(settings.previous?.fits.map(({ key, fit }) => [key, fit]));
   rbfCheckPoints(points);

@@ -45,6 +45,7 @@ import type {
 import { difference, mapVector } from "./camera.ts";
 import { kernelMatrix } from "./kernel_matrix.ts";
 import { kernelOfTable } from "./kernel_table.ts";
+import { labelOf, numberPoints } from "./point_names.ts";
 import { placeBetween } from "./points.ts";
 
 /**
@@ -1091,7 +1092,8 @@ export const RBF_TRENDS: Record<string, { title: string; order: number }> = TREN
 // ---- the fit --------------------------------------------------------------------------------------------------------
 
 /** The fit of control points on a picture, or of dimension 3 in space. Throws RbfError. */
-export function rbfFit(points: Point[], settings: FitSettings & { previous?: RbfFit | null } = {}, dim = 2) {
+export function rbfFit(given: Point[], settings: FitSettings & { previous?: RbfFit | null } = {}, dim = 2) {
+  const points = numberPoints(given);
   const kernel = rbfKernelOf(settings),
     trend = settings.trend ?? "affine";
   const smoothing = settings.smoothing ?? 0,
@@ -1150,13 +1152,14 @@ export function rbfCheckSettings(
   }
 }
 
+/** The label of a point of a fit. */
 export function rbfLabel(point: Point) {
-  return `control point ${point.id}${point.name ? ` ("${point.name}")` : ""}`;
+  return labelOf(point, point.number ?? 0);
 }
 
 /** Throw an RbfError for points that cannot be fitted. */
 export function rbfCheckPoints(points: Point[], dim = 2) {
-  for (const p of points) {
+  for (const p of numberPoints(points)) {
     for (const [what, place] of Object.entries({ source: p.source, target: p.target })) {
       const good =
         Array.isArray(place) &&
@@ -1555,10 +1558,12 @@ function rbfSolvePrepared(ready: Ready, kernel: string, smoothing: number, previ
     );
   }
   const map = linear.map((row, i) => row.map((value, j) => Number(i === j) + value));
-  const torn = rbfTornPairs(ready);
+  const torn = rbfTornPairs(ready),
+    numbers = new Map(ready.merged.map(({ point: { id, number } }) => [id, number]));
   const isTorn = ([i, j]: Vector2) => torn.some(([p, q]) => p === i && q === j);
   const crossed = torn.map(
-    ([i, j]) => `control points ${i} and ${j} share a source and have different targets: the map folds between them`,
+    ([i, j]) =>
+      `control points ${numbers.get(i)} and ${numbers.get(j)} share a source and have different targets: the map folds between them`,
   );
   const solved = {
     ...fit,
@@ -1570,7 +1575,10 @@ function rbfSolvePrepared(ready: Ready, kernel: string, smoothing: number, previ
   crossed.push(
     ...rbfCrossingPairs(ready, map)
       .filter((pair) => !isTorn(pair) && rbfFoldsBetween(solved, pair))
-      .map(([i, j]) => `control points ${i} and ${j} are pulled past each other: the map folds there`),
+      .map(
+        ([i, j]) =>
+          `control points ${numbers.get(i)} and ${numbers.get(j)} are pulled past each other: the map folds there`,
+      ),
   );
   return {
     ...solved,

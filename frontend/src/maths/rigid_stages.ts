@@ -19,6 +19,7 @@ import type {
   Vector3,
 } from "../types.ts";
 import { exchangePoints, forwardAt, forwardFit, forwardOnRaster } from "./forward_fit.ts";
+import { numberPoints } from "./point_names.ts";
 import { placeBetween } from "./points.ts";
 import {
   RbfError,
@@ -225,10 +226,11 @@ function partitionPoints(points: Point[], ready: ReadyPart[]) {
 
 /** The fit of control points with rigid parts; without parts as rbfFit. */
 export function rigidFit(
-  points: Point[],
+  given: Point[],
   parts: PartData[] | undefined,
   settings: FitSettings & { previous?: Fit | null } = {},
 ): Fit {
+  const points = numberPoints(given);
   const strength = settings.strength ?? 1,
     ready = readyParts(parts, strength);
   if (!ready.length) return rbfFit(points, settings);

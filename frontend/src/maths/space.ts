@@ -5,6 +5,7 @@ import type { Axis } from "./axes.ts";
 import { perAxis } from "./axes.ts";
 import { added, difference, dot, mapVector, scaled } from "./camera.ts";
 import { formatLength } from "./numbers.ts";
+import { nameOf } from "./point_names.ts";
 import { updatePoints } from "./points.ts";
 
 /** The coordinates [a, b, c] in a picture of a place in space. */
@@ -113,12 +114,12 @@ export function updateSources<V extends Vector>(points: Point<V>[], known: Point
  * A point as it is drawn in a picture.
  * @param depth of the slice; null in pictures of the whole volume
  */
-export function flatPoint(p: SpacePoint, pane: PaneInfo, depth: number | null): FlatPoint {
+export function flatPoint(p: SpacePoint, pane: PaneInfo, depth: number | null, number = 0): FlatPoint {
   const target = toPane(pane, p.target),
     source = toPane(pane, p.source);
   const away = depth === null ? 0 : target[2] - depth;
   const isFar = depth !== null && Math.abs(away) > 0.75 * pane.spacing[2];
-  const name = isFar ? `${p.name || p.id} ${away > 0 ? "+" : "\u2212"}${formatLength(Math.abs(away))}` : p.name;
+  const name = isFar ? `${p.name || number} ${away > 0 ? "+" : "\u2212"}${formatLength(Math.abs(away))}` : p.name;
   return {
     id: p.id,
     name,
@@ -155,21 +156,21 @@ function shiftWords(way: Vector3) {
 }
 
 /** The label of a point in a picture for screen readers. */
-export function spaceLabel({ whole: p, isFar, away }: FlatPoint) {
+export function spaceLabel({ whole: p, isFar, away }: FlatPoint, number: number) {
   const way = difference(p.target, p.source);
   const far = isFar ? `, ${formatLength(Math.abs(away))} off the slice` : "";
   return (
-    `Point ${p.id}${p.name ? ` ${p.name}` : ""}, at ${p.target.map(formatLength).join(", ")}, ${shiftWords(way)}` +
+    `Point ${number}${p.name ? ` ${p.name}` : ""}, at ${p.target.map(formatLength).join(", ")}, ${shiftWords(way)}` +
     `${far}${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`
   );
 }
 
 /** The tip of a point in a picture. */
-export function spaceTip({ whole: p, isFar, away }: FlatPoint) {
+export function spaceTip({ whole: p, isFar, away }: FlatPoint, number: number) {
   const way = difference(p.target, p.source);
   const far = isFar ? `; ${formatLength(Math.abs(away))} ${away > 0 ? "behind" : "in front of"} this slice` : "";
   return (
-    `${p.name || `point ${p.id}`}: ${shiftWords(way)}${p.active ? "" : "; switched off"}` +
+    `${nameOf(p, number)}: ${shiftWords(way)}${p.active ? "" : "; switched off"}` +
     `${p.locked ? "; locked" : ""}${far}`
   );
 }

@@ -21,7 +21,7 @@ function rename({ edits, names, points, row }: SpaceCommandEditor, id: number, p
   const box = row.element.getBoundingClientRect(),
     stage = pane.stage.getBoundingClientRect(),
     [x, y] = pane.viewport.toView([a, b]);
-  names.prompt(p.name, `point ${id}`, [stage.left - box.left + x, stage.top - box.top + y], {
+  names.prompt(p.name, `point ${points.numberOf(id)}`, [stage.left - box.left + x, stage.top - box.top + y], {
     take: (text) => edits.edit(renamePoint(points.list, id, text), "rename"),
     focus: () => pane.handles.focus(id),
   });

@@ -1,5 +1,6 @@
 // The place at which the slices meet.
 
+import { nameOf } from "../maths/point_names.ts";
 import { fromPane, toPane } from "../maths/space.ts";
 import type { PaneInfo, Vector3 } from "../types.ts";
 import type { SpaceParts } from "./parts.ts";
@@ -78,6 +79,6 @@ export class SliceCursor {
     points.select([id]);
     const [x, y, z] = p.target;
     this.set([x, y, z], false);
-    messages.announce(`slices at ${p.name || `point ${id}`}`);
+    messages.announce(`slices at ${nameOf(p, points.numberOf(id))}`);
   }
 }

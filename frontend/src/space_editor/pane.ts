@@ -56,7 +56,7 @@ export class SpacePane {
     this.image = new PaneImage(this.stage);
     this.svg = svgElement("svg", { class: "dnb-ed-svg" }, this.stage);
     this.overlay = new PaneMarks(this.svg);
-    this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
+    this.handles = new Handles(this.svg, (id) => editor.points.numberOf(id), { label: spaceLabel, tip: spaceTip });
     this.marks = new ToolMarks(this.svg, this.handles.points);
     this.letters = ["left", "right", "top", "bottom"].map((side) =>
       pageElement("span", `dnb-sp-letter dnb-sp-${side}`, this.stage, { "aria-hidden": "true" }),
@@ -160,10 +160,10 @@ export class SpacePane {
     const { cursor, points } = this.editor,
       { info } = this,
       depth = cursor.isSlice ? cursor.depthIn(info) : null,
-      at = JSON.stringify([info, depth]);
+      at = JSON.stringify([info, depth, points.list.length]); // of which the numbers depend
     if (at !== this.#flat.at) this.#flat = { at, points: new WeakMap() };
-    return points.list.map((p) => {
-      const made = this.#flat.points.get(p) ?? flatPoint(p, info, depth);
+    return points.list.map((p, k) => {
+      const made = this.#flat.points.get(p) ?? flatPoint(p, info, depth, k + 1);
       this.#flat.points.set(p, made);
       return made;
     });

@@ -110,7 +110,8 @@ export class SpacePointTools {
     if (!free.length) this.announceLocked(ids[0]!);
     this.change(translateInSpace(editor.points.list, free, way, what), "nudge", `nudge ${ids}`);
     const p = ids.length === 1 ? editor.points.withId(ids[0]!) : null;
-    if (p) editor.messages.announce(`point ${p.id} at ${p.target.map(formatLength).join(", ")}`);
+    if (p)
+      editor.messages.announce(`point ${editor.points.numberOf(p.id)} at ${p.target.map(formatLength).join(", ")}`);
   }
 
   /**
@@ -143,13 +144,14 @@ export class SpacePointTools {
     editor.points.select([id]);
     editor.frames.drawNow();
     pane?.handles.focus(id);
-    editor.messages.announce(`point ${id} added at ${place.map(formatLength).join(", ")}`);
+    editor.messages.announce(`point ${editor.points.numberOf(id)} added at ${place.map(formatLength).join(", ")}`);
     return id;
   }
 
   announceLocked(id: number) {
     const p = this.editor.points.withId(id);
-    if (p) this.editor.messages.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
+    if (p)
+      this.editor.messages.hint(`${p.name || `Point ${this.editor.points.numberOf(id)}`} is locked; L frees it`, 4000);
   }
 
   toggleLock(ids: number[]) {
@@ -168,7 +170,7 @@ export class SpacePointTools {
       pane = editor.row.paneOf(document.activeElement);
     const hadFocus = editor.row.root.contains(treeOf(editor.row.root).activeElement);
     if (!ids.length || !this.change(removePoints(editor.points.list, ids), "remove")) return;
-    editor.messages.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
+    editor.messages.announce(ids.length === 1 ? `point ${at + 1} deleted` : `${ids.length} points deleted`);
     editor.frames.drawNow();
     const next = editor.points.list[Math.min(at, editor.points.list.length - 1)];
     if (hadFocus && !(next && pane.handles.focus(next.id))) pane.stage.focus({ preventScroll: true });

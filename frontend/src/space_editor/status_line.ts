@@ -66,7 +66,7 @@ export class SpaceStatus {
       count = `${list.length} ${list.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`,
       one = selected.size === 1 ? list.find((p) => selected.has(p.id)) : null;
     const chosen = one
-      ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(formatLength).join(", ")}`
+      ? `point ${points.numberOf(one.id)}${one.name ? ` ${one.name}` : ""} at ${one.target.map(formatLength).join(", ")}`
       : selected.size
         ? `${selected.size} selected`
         : "";

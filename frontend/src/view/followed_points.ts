@@ -2,6 +2,7 @@
 // An editor that is drawn in this window edits them by its own tools; the points of another one are sent from here.
 
 import type { Moved } from "../editor/gesture.ts";
+import { numberOf } from "../maths/point_names.ts";
 import { addPoint, nextId, removePoints, samePoints } from "../maths/points.ts";
 import { translateInSpace, updateSources } from "../maths/space.ts";
 import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.ts";
@@ -135,6 +136,11 @@ export class FollowedPoints {
     const points = this.edited.sender.points as Point[] as PicturePoint[];
     if (this.before || !this.lifted?.settle(points, body)) return;
     this.#take(points);
+  }
+
+  /** The number of a point in the list, from 1: people know it by that. */
+  numberOf(id: number) {
+    return numberOf(this.list, id);
   }
 
   withId(id: number) {

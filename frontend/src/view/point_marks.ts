@@ -46,7 +46,7 @@ export class PointMarks {
     this.svg = svgElement("svg", { class: "dnb-sp-over", visibility: "hidden" }, root);
     this.#axisLine = svgElement("path", { class: "dnb-sp-axis", visibility: "hidden" }, this.svg);
     this.#stems = svgElement("path", { class: "dnb-sp-stems", "aria-hidden": "true" }, this.svg);
-    this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
+    this.handles = new Handles(this.svg, (id) => points.numberOf(id), { label: spaceLabel, tip: spaceTip });
     this.#axes = [0, 1, 2].map((k) => {
       const group = svgElement("g", { class: "dnb-sp-arrows", "data-along": k, visibility: "hidden" }, this.svg);
       const lines = ["hit", "case", "ink"].map((part) => svgElement("path", { class: `dnb-sp-arrow-${part}` }, group));

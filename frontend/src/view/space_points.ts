@@ -216,8 +216,9 @@ export class SpacePoints {
   remove(hit: Hit | null) {
     const { points } = this;
     if (!hit || points.isLocked) return;
+    const number = points.numberOf(hit.id);
     points.remove([hit.id]);
-    this.#say(`point ${hit.id} deleted`);
+    this.#say(`point ${number} deleted`);
   }
 
   /** The first visible surface at a place of the view: null where nothing is seen. */
@@ -248,7 +249,7 @@ export class SpacePoints {
     points.select([id]);
     this.drawNow(); // else nothing could take the focus
     marks.handles.focus(id);
-    this.#say(`point ${id} added`);
+    this.#say(`point ${points.numberOf(id)} added`);
     return id;
   }
 

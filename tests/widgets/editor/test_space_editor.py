@@ -410,7 +410,7 @@ def test_a_point_off_the_slice_says_how_far(volume: Volume, points: ControlPoint
         {"pane": pane.info(), "points": points_to_json(points), "depth": depth},
     )
     assert not flat[0]["isFar"]
-    assert flat[0]["label"].startswith("Point 0 nose, at ")
+    assert flat[0]["label"].startswith("Point 1 nose, at ")
     for k, p in enumerate(flat):
         away = points.target[k][2] - points.target[0][2]
         assert abs(p["away"] - away) < 1e-9

@@ -167,7 +167,7 @@ class PointsPanel(Panel):
         new = points.next_id
         self._edit(points.add(self._source_of(place), place))
         self._editors.current.selected = [new]
-        self._said = f"Point {new} added."
+        self._said = f"Point {len(points) + 1} added."
 
     def _source_of(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
         """Source of a visible place: a new point there moves nothing."""

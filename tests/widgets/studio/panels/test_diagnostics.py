@@ -212,7 +212,7 @@ def test_points_that_disagree_are_marked_and_found_by_a_click(studio: Studio) ->
     assert studio.editor.marked == [25, 26]
     label, *buttons = diagnostics.suspects.children
     assert label.value == "Possible outliers:"
-    assert [b.description for b in buttons] == ["point 25 (mark 5)", "point 26 (mark 6)"]
+    assert [b.description for b in buttons] == ["point 6 (mark 5)", "point 7 (mark 6)"]
     sent: list[Any] = []
     studio.editor.send = lambda content, buffers=None: sent.append(content)
     buttons[1].click()

@@ -127,7 +127,7 @@ def test_a_volume_opens_in_place_of_another_and_history_leads_back(tmp_path: Pat
     first.editing.change(trend="none")  # and whoever still holds their session changes nothing here
     assert studio.editor.settings.trend != "none"
     studio.editor.points = studio.editor.points.add([9.0, 5.0], [9.0, 6.0])
-    assert studio.session.editing.history["undo"] == "add point 4"
+    assert studio.session.editing.history["undo"] == "add point 5"
 
     back = find_panel(studio, HistoryPanel).box.children[0]
     assert back.description == "Back to bar (phantom)"
@@ -154,7 +154,7 @@ def test_a_volume_that_cannot_be_opened_leaves_everything_as_it_was(monkeypatch:
     assert kept == {name: getattr(studio, name) for name in kept}
     assert open_widgets() <= widgets
     studio.editor.points = studio.editor.points.add([4.0, 4.0], [4.0, 5.0])
-    assert studio.session.editing.history["undo"] == "add point 4"
+    assert studio.session.editing.history["undo"] == "add point 5"
     studio.close()
 
 

@@ -200,7 +200,7 @@ def test_each_cell_writes_its_part_of_the_point(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("field", "text", "words"),
     [
-        ("target", "nan", "target a of control point 2 .* must be a number, got 'nan'"),
+        ("target", "nan", "target a of point 3 .* must be a number, got 'nan'"),
         ("target", "", "got 'nothing'"),
         ("source", "inf", "source a of"),
         ("source", "1e300", "below 1e15"),
@@ -269,7 +269,7 @@ def test_a_point_that_is_added_takes_hold_of_what_is_seen_there(bench: Bench) ->
     bench.session.editing.edit_points(bench.points.add([8.0, 8.0], [10.0, 8.0]))
     fit = bench.editor.fit()
     answer = bench.says("add", value="9, 7.5")
-    assert answer == {**answer, "ok": True, "text": "Point 5 added."}
+    assert answer == {**answer, "ok": True, "text": "Point 6 added."}
     assert_array_equal(bench.points.target[-1], [9.0, 7.5])
     assert_allclose(bench.points.displacement[-1], fit.displacement([9.0, 7.5]), atol=1e-12)
     assert bench.editor.selected == [5]
