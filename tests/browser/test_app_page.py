@@ -434,9 +434,9 @@ def test_one_pane_takes_the_place_of_both_and_gives_it_back(tab: Tab) -> None:
     volume.locator(".dnb-pane-head").dblclick(position={"x": alone["width"] - 120, "y": 14})
     picture.wait_for(state="visible")
     assert volume.bounding_box() == before
-    picture.locator(".dnb-pane-alone").press("Enter")
+    picture.locator(".dnb-pane-alone[aria-pressed]").press("Enter")
     volume.wait_for(state="hidden")
-    assert picture.locator(".dnb-pane-alone").get_attribute("aria-pressed") == "true"
+    assert picture.locator(".dnb-pane-alone[aria-pressed]").get_attribute("aria-pressed") == "true"
 
 
 def test_the_panel_has_the_width_the_tab_and_the_sections_in_which_it_was_left(tab: Tab) -> None:
