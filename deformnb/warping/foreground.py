@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
 from deformnb._typing import Floats
+from deformnb.rbf.regions import Mask
 from deformnb.volume.clip import WHOLE, Clip
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import levels
@@ -70,6 +72,22 @@ def foreground_shares(volume: Volume) -> Clip:
 
 # Voxels around tissue that count as such: a fold next to it would still be visible.
 _BESIDE_TISSUE = 2
+
+
+def coarse_tissue(volume: Volume, most: int) -> Mask:
+    """The foreground of a volume at every n-th voxel, so that no axis has more than ``most``.
+
+    Examples
+    --------
+    >>> values = np.zeros((8, 8, 32), np.uint8)
+    >>> values[:, :, 10:14] = 200
+    >>> coarse_tissue(Volume.from_array(values), 16).values.shape
+    (8, 8, 16)
+    """
+    factors = [-(-count // most) for count in volume.shape]
+    there = volume.values[tuple(slice(None, None, factor) for factor in factors)] > foreground_level(volume)
+    dx, dy, dz = (step * factor for step, factor in zip(volume.grid.spacing, factors[::-1], strict=True))
+    return Mask(there, replace(volume.grid, shape=there.shape, spacing=(dx, dy, dz)))
 
 
 def tissue_test(volume: Volume, plane: Plane | None = None) -> IsTissue:

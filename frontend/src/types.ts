@@ -113,6 +113,12 @@ export interface Lattice {
   origin: Vector3;
 }
 
+/** The voxels of a region in space, as MaskData has the pixels of one in a picture: [z, y, x], its axes by columns. */
+export interface SpaceMask extends Lattice {
+  direction: number[];
+  bits: string;
+}
+
 /** The raster of a picture, and what its pixels mean: see picture_png in editor.py. */
 export interface PictureRaster extends Raster {
   channels?: number;

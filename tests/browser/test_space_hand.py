@@ -13,9 +13,13 @@ from browser.live_page import LivePage
 from browser.test_space_editor_page import PAGE, Opened, waves
 from numpy.typing import NDArray
 
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import HalfSpace
+from deformnb.rbf.rigid import RigidPart
+from deformnb.volume.volume import Volume
 from deformnb.widgets.editor.space_editor import SpaceEditor
-from deformnb.widgets.editor.space_slices import SpacePictures
+from deformnb.widgets.editor.space_slices import SpacePictures, slice_folds, tissue_mask
 
 pytestmark = pytest.mark.needs_browser
 
@@ -279,6 +283,86 @@ def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: py
     editor.close()
 
 
+# ---- the stop at folds ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def caged() -> ControlPoints:
+    """The corners of the volume and a point between them, on the slices."""
+    low, high = np.array([-20.0, 10.0, 5.0]), np.array([35.0, 66.4, 63.5])
+    corners = [np.where(np.array([k & 1, k & 2, k & 4]) > 0, high, low) for k in range(8)]
+    return ControlPoints.from_arrays([*corners, [MIDDLE, 38.0, 24.0]])
+
+
+def least(points: ControlPoints) -> float:
+    return slice_folds(FitSettings(support=25.0).fit(points), waves().grid).least
+
+
+def test_a_drag_stops_before_tissue_folds_until_the_button_lets_it(open_editor: Any, caged: ControlPoints) -> None:
+    space = open_editor(caged, support=25.0)
+    space.editor.tissue = {}  # everywhere
+    space.wait_settled()
+    button = space.page.page.locator("[data-command=stop]")
+    assert button.get_attribute("aria-pressed") == "true"
+    middle = caged.target[8]
+    x, y = space.to_screen(AXIAL, middle)
+    by = np.array([22.0, 6.0]) * space.scale(AXIAL)
+    space.mouse.move(x, y)
+    space.mouse.down()
+    space.mouse.move(x + by[0], y + by[1], steps=8)
+    said = space.page.page.locator(".dnb-ed-notes")
+    space.page.wait("document.querySelector('.dnb-ed-notes').textContent.startsWith('Stopped before tissue folds')")
+    held = space.js(f"{PAGE}.parts.points.withId(8).target")  # while the button is down
+    assert 2 < held[0] - middle[0] < 20
+    space.mouse.up()
+    space.wait_settled()
+    stopped = space.editor.points
+    assert stopped.target[8] == pytest.approx(held, abs=1e-6)
+    way = (stopped.target[8] - middle)[:2] / [22.0, 6.0]
+    assert way[0] == pytest.approx(way[1], rel=1e-3)
+    assert 0 < least(stopped) < 0.25
+    space.page.page.locator(".dnb-sp-stage").first.focus()
+    press(space, "t")
+    assert button.get_attribute("aria-pressed") == "false"
+    assert not space.editor.stop_at_folds
+    space.drag(AXIAL, stopped.target[8], tuple(by * (1 - way[0])))
+    assert least(space.editor.points) < 0
+    assert "Stopped" not in said.inner_text()
+    assert "folds" in space.page.page.locator(".dnb-ed-folds").inner_text()
+
+
+def test_keys_stop_before_tissue_folds(open_editor: Any, caged: ControlPoints) -> None:
+    space = open_editor(caged, support=25.0)
+    space.editor.tissue = {}  # everywhere
+    space.wait_settled()
+    space.page.page.locator("[data-id='8']").first.focus()
+    press(space, *["Shift+ArrowRight"] * 4)  # forty voxels, in a cage of 55
+    moved = space.editor.points.target[8] - caged.target[8]
+    assert 2 < moved[0] < 20
+    assert 0 < least(space.editor.points) < 0.25
+    assert "Stopped before tissue folds" in space.page.page.locator(".dnb-ed-notes").inner_text()
+    press(space, "Shift+ArrowLeft")  # back is free
+    assert space.editor.points.target[8][0] == pytest.approx(caged.target[8][0] + moved[0] - 10, abs=1e-6)
+    assert "Stopped" not in space.page.page.locator(".dnb-ed-notes").inner_text()
+
+
+def test_folds_in_air_stop_no_drag(open_editor: Any, caged: ControlPoints) -> None:
+    space = open_editor(caged, support=25.0)
+    space.editor.tissue = tissue_mask(Volume.from_array(np.zeros((8, 8, 8), np.uint8)))
+    space.wait_settled()
+    space.drag(AXIAL, caged.target[8], tuple(np.array([22.0, 6.0]) * space.scale(AXIAL)))
+    assert least(space.editor.points) < 0
+    assert "Stopped" not in space.page.page.locator(".dnb-ed-notes").inner_text()
+
+
+def test_a_map_of_more_than_the_points_is_left_to_python(open_editor: Any, caged: ControlPoints) -> None:
+    part = RigidPart(HalfSpace((-100.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    space = open_editor(caged, support=25.0, options={"parts": (part,)})
+    assert space.editor.tissue is None
+    space.drag(AXIAL, caged.target[8], tuple(np.array([22.0, 6.0]) * space.scale(AXIAL)))
+    assert space.editor.points.target[8][0] == pytest.approx(caged.target[8][0] + 22, abs=0.1)
+
+
 # ---- what a page may say --------------------------------------------------------------------------------------------
 
 
@@ -289,7 +373,7 @@ def test_traits_of_the_hand_are_checked(caplog: pytest.LogCaptureFixture) -> Non
         ("mirror", 3),
         ("snap", -1),
         ("snap", "1"),
-        ("stop_at_folds", True),
+        ("stop_at_folds", 1),
     ):
         editor.set_state({name: value})
         assert f"the trait '{name}' from the page was dropped" in caplog.text

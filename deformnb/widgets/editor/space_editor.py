@@ -33,7 +33,14 @@ from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell, with_png
 from deformnb.widgets.editor.base import SPACE_TRAITS, EditedPoints, PointsTrait
-from deformnb.widgets.editor.space_slices import SLICE_PROJECTIONS, Shown, SpacePictures, shapes_on, slice_folds
+from deformnb.widgets.editor.space_slices import (
+    SLICE_PROJECTIONS,
+    Shown,
+    SpacePictures,
+    shapes_on,
+    slice_folds,
+    tissue_mask,
+)
 from deformnb.widgets.messages.editors import (
     SPACE_EDITOR,
     FromWindow,
@@ -156,6 +163,8 @@ class SpaceEditor(EditedPoints):
     ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, actions of the pointer in the
     pictures on one side of that plane are done on the other side too; the plane is one of the volume's own, the next to
     that axis, None its middle. ``snap`` is the step of a lattice to which targets snap, 0 for none.
+    ``stop_at_folds``, which is on at first, stops drags and arrow keys before they fold tissue; ``tissue`` is the mask
+    of that, as documents hold it, {} where every fold counts, None where a map of more than the points is not checked.
     One that is ``read_only`` and has no points is a viewer of three linked slices: ``SpaceEditor(volume, before=field,
     read_only=True)`` shows the deformed volume.
 
@@ -178,6 +187,8 @@ class SpaceEditor(EditedPoints):
     cursor = traitlets.Any(help="the place (x, y, z) through which the slices go").tag(sync=True)
     projection = traitlets.Enum(list(SLICE_PROJECTIONS), "slice").tag(sync=True)
     shows_original = traitlets.Bool(False).tag(sync=True)
+    stop_at_folds = traitlets.Bool(True).tag(sync=True)
+    tissue: Any = traitlets.Dict({}, allow_none=True).tag(sync=True)
     large_slice = traitlets.Int(-1, min=-1, max=2, help="the slice that is larger than the others").tag(sync=True)
     window = traitlets.List(traitlets.Float(), help="values shown as black and white, set manually").tag(sync=True)
     panes: Any = traitlets.List().tag(sync=True)
@@ -209,6 +220,7 @@ class SpaceEditor(EditedPoints):
             points=ControlPoints.empty(3) if points is None else points,
             window=list(window or ()),
         )
+        self._update_tissue()
         self.observe(self._window_chosen, "window")
         shown = ["points", "settings", "revision", "cursor", "projection", "shows_original"]
         self.observe(lambda change: self._changed(), shown)
@@ -238,7 +250,13 @@ class SpaceEditor(EditedPoints):
         with self.hold_sync():  # both in one message: cursor and pictures must match
             for name, value in traits.items():
                 setattr(self, name, value)
+            self._update_tissue()
         self.revision += 1
+
+    def _update_tissue(self) -> None:
+        has_shapes = bool(self._options.get("cuts") or self._options.get("parts"))
+        mask = {} if self._before is not None or self.read_only else tissue_mask(self.volume)
+        self.tissue = None if has_shapes else mask
 
     @property
     def before(self) -> AbstractField | None:
@@ -248,6 +266,7 @@ class SpaceEditor(EditedPoints):
     @before.setter
     def before(self, field: AbstractField | None) -> None:
         self._before = field
+        self._update_tissue()
         self.revision += 1
 
     def preview(self, field: AbstractField | None) -> None:
@@ -284,6 +303,7 @@ class SpaceEditor(EditedPoints):
     def options(self, options: dict[str, Any]) -> None:
         replace(self.step(), **options)  # refuses what no step has
         self._options = dict(options)
+        self._update_tissue()
         self.revision += 1
 
     def fit(self) -> AbstractField:

@@ -7,6 +7,7 @@ volume.
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import dataclass, replace
 from typing import Any, get_args
 
@@ -16,12 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.analysis.folds import Folds, find_folds
 from deformnb.checks import check_window
 from deformnb.document.deformation import Step
+from deformnb.document.json_regions import region_to_data
 from deformnb.imaging.projection import project
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.volume.colour_maps import COLOUR_MAPS, colour_table
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.foreground import coarse_tissue
 from deformnb.warping.warper import Warper
 from deformnb.widgets.messages.editors import SliceProjection
 from deformnb.widgets.packed_volume import packed_volume, unit_of
@@ -239,6 +242,17 @@ def shapes_on(pane: Pane, depth: float, step: Step) -> NDArray[np.uint8] | None:
     for region in cuts:
         shares[..., 1] = np.maximum(shares[..., 1], np.clip(1.3 - np.abs(region.signed_distance(x)) / pixel, 0, 1))
     return (shares * 255 + 0.5).astype(np.uint8)
+
+
+def tissue_mask(volume: Volume) -> dict[str, Any]:
+    """The voxels of tissue, of which folds count, as documents hold a mask; fewer than the volume has."""
+    if volume not in _MASKS:
+        _MASKS[volume] = region_to_data(coarse_tissue(volume, _TISSUE_VOXELS))
+    return _MASKS[volume]
+
+
+_MASKS: weakref.WeakKeyDictionary[Volume, dict[str, Any]] = weakref.WeakKeyDictionary()
+_TISSUE_VOXELS = 64  # along each axis: a fold is wider
 
 
 def _window(volume: Volume) -> tuple[float, float]:

@@ -11,7 +11,6 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,12 +22,11 @@ from deformnb.document.step_checks import safe_points
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.regions import Mask
 from deformnb.rbf.support import lone_support
 from deformnb.session.opening import show_opening
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
-from deformnb.warping.foreground import foreground_level
+from deformnb.warping.foreground import coarse_tissue, foreground_level
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import Box, row
 from deformnb.widgets.cell_widgets import owned_widgets
@@ -127,13 +125,9 @@ def tissue_on_picture(session: Session) -> dict[str, Any]:
     volume = session.volume
     kept = _SILHOUETTES.get(volume)
     if kept is None or kept[0] != edited.step.plane:
-        factors = [-(-count // _MOST_VOXELS) for count in volume.shape]
-        there = volume.values[tuple(slice(None, None, factor) for factor in factors)] > foreground_level(volume)
-        dx, dy, dz = (step * factor for step, factor in zip(volume.grid.spacing, factors[::-1], strict=True))
-        coarse = replace(volume.grid, shape=there.shape, spacing=(dx, dy, dz))
         kept = _SILHOUETTES[volume] = (
             edited.step.plane,
-            region_to_data(Mask(there, coarse).silhouette(edited.step.plane)),
+            region_to_data(coarse_tissue(volume, _MOST_VOXELS).silhouette(edited.step.plane)),
         )
     return kept[1]
 
@@ -205,13 +199,20 @@ class StudioEditors:
                 before=session.pictures.before(),
                 theme="dark",
                 fill=True,
+                stop_at_folds=self.plane.stop_at_folds,
             )
+        for editor in (self.plane, made):
+            editor.observe(weakly(self, StudioEditors._share_stop), "stop_at_folds")
         made.chooses_support = False
         made.large_slice = made.largest_slice
         show_view_state(made, session)
         basic.own_layout(made).width = "100%"
         self._listen(made)
         return made
+
+    def _share_stop(self, change: Any) -> None:
+        """Switch the stop at folds of both editors as one."""
+        self.set_traits(stop_at_folds=change["new"])
 
     def make_picture(self) -> Picture | AbstractField | None:
         """Make the picture behind the points of this step's editor: takes time, and changes nothing yet."""
@@ -260,6 +261,7 @@ class StudioEditors:
 
 _MAKING = "The picture is being made"
 _FAILED = "The picture could not be made; the reason is below"
+_STOPPED = ("move", "brush", "nudge", "turn", "scale")  # kinds of edits in space that stop before tissue folds
 _STANDS = 1e-6  # of a direction's length: less is a rounding error of the front end
 
 
@@ -480,18 +482,18 @@ class StudioEdits:
         else:
             self._take(editor, lambda: session.editing.edit_fit(points, fit.as_dict(), label))
         if points is not wanted:
-            self._words.show("Stopped before tissue folds; the button Safe drag of a picture lets drags go on.")
+            self._words.show("Stopped before tissue folds; the button Safe drag lets drags go on.")
             self._editors.show_step()
         if done in ("open", "apart") and session.editing.points == points:
             show_opening(session)
 
     def _safe(self, editor: Any, points: Any, kind: str) -> Any:
-        """The points of a drag in space as far as tissue does not fold, while the stop at folds is on.
+        """The points of a drag or a key in space as far as tissue does not fold, while the stop at folds is on.
 
-        The front end of an editor on a picture stops its drags itself.
+        The front end of an editor on a picture stops its drags itself; that in space does so on a coarse lattice.
         """
         session = self._session
-        if isinstance(editor, Editor) or not self._editors.plane.stop_at_folds or kind not in ("move", "brush"):
+        if isinstance(editor, Editor) or not editor.stop_at_folds or kind not in _STOPPED:
             return points
         before, step = session.editing.points, session.editing.step
         try:

@@ -4,6 +4,7 @@
 import { NEARLY_FOLDED } from "../generated.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
 import { RbfError } from "../maths/rbf.ts";
+import { SafeShare } from "../maths/safe_share.ts";
 import type { FitChange } from "../sync/edits.ts";
 import type { PicturePoint, Shapes } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
@@ -16,9 +17,6 @@ export type StoppedDrag = { make: (share: number) => MapState; share: number };
 const HOLD_WORK = 6e4,
   HOLD_NODES = [9, 33] as const; // evaluations of a kernel for one check, and nodes of a side of its lattice
 const TURNS = 8; // of the bisection of a drag
-const NEAR = 1 / 16,
-  CLOSE = 1 / 64, // shares of the way: the hand is near where it was, and the stop is found as exactly as this
-  CHECKS_MS = 12; // of one movement, once a share is known that is allowed
 
 /** Dependencies of the stop on the editor. */
 export type FoldStopEditor = EditorParts<"model" | "points" | "map" | "picture", "foldOffers">;
@@ -30,9 +28,7 @@ export class FoldStop {
   least0: number | null = null;
   start: MapState;
   stopped: StoppedDrag | null = null;
-  /** The share of its way at which this drag stood last, and the one to try next. */
-  #stood = 1 - NEAR;
-  #next = 1 - NEAR;
+  #share = new SafeShare();
 
   constructor(readonly editor: FoldStopEditor) {
     /** The editor's state when the drag began. */
@@ -47,7 +43,7 @@ export class FoldStop {
   begin() {
     const { list: points, shapes } = this.editor.points;
     Object.assign(this, { note: "", least0: null, stopped: null, start: { points, shapes } });
-    this.#stood = this.#next = 1 - NEAR;
+    this.#share.reset();
     this.editor.tools.foldOffers.drop();
   }
 
@@ -94,41 +90,16 @@ export class FoldStop {
     return low;
   }
 
-  /**
-   * The same where the whole way is refused, from the shares of the movement before: each check fits all points, and of
-   * hundreds of points one movement makes two or three. What is left to try is tried at the next movement.
-   */
-  #shareNear(make: (share: number) => MapState) {
-    const end = performance.now() + CHECKS_MS;
-    let low = 0,
-      high = 1,
-      away = NEAR,
-      stood = this.#stood,
-      probe = this.#next;
-    while (high - low > CLOSE && !(low > 0 && performance.now() > end)) {
-      if (this.isRefused(make(probe))) high = probe;
-      else low = probe;
-      if (low > 0) probe = high < 1 ? (low + high) / 2 : Math.min((low + high) / 2, low + away);
-      else if (stood < high) [probe, stood] = [stood, 1];
-      else probe = Math.max(high / 2, high - away);
-      away *= 2;
-    }
-    this.#stood = Math.max(CLOSE, low);
-    // A way that is refused from its start needs one check at the next movement.
-    this.#next = low > 0 && high - low > CLOSE ? probe : this.#stood;
-    return low;
-  }
-
   /** A drag as far as the map stays free of folds, while the stop is on: from `make(0)` to `make(1)`. */
   limit<S extends MapState>(make: (share: number) => S): S {
     const wanted = make(1);
     this.stopped = null;
     this.note = "";
     if (!this.isOn || !this.isRefused(wanted)) {
-      this.#stood = this.#next = 1 - NEAR;
+      this.#share.reset();
       return wanted;
     }
-    const share = this.#shareNear(make);
+    const share = this.#share.find(make, (state) => this.isRefused(state));
     this.#hold({ make, share }, "Stopped before tissue folds; T lets the drag continue");
     return make(share);
   }

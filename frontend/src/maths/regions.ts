@@ -51,8 +51,13 @@ function maskRegion(data: MaskData): Region {
 
 /** The pixels of a mask, 0 or 1. */
 export function maskPixels({ shape: [nv, nu], bits }: MaskData) {
+  return maskBits(bits, nv * nu);
+}
+
+/** The bits of a mask of any dimension, 1 where it is set. */
+export function maskBits(bits: string, count: number) {
   const bytes = inflate(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0))),
-    out = new Uint8Array(nv * nu);
+    out = new Uint8Array(count);
   for (let k = 0; k < out.length; k++) out[k] = (bytes[k >> 3]! >> (7 - (k & 7))) & 1;
   return out;
 }

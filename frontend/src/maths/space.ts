@@ -47,7 +47,7 @@ export function rotateInSpace(points: SpacePoint[], ids: number[], pane: PaneInf
 }
 
 /** The lists of a fit in space, all of three. */
-interface SpaceFit extends RbfFit {
+export interface SpaceFit extends RbfFit {
   linear: Matrix3;
   constant: Vector3;
   origin: Vector3;

@@ -3,6 +3,7 @@
 import type { EditorCommands } from "../editor/base.ts";
 import { freeIds, renamePoint, resetPoints, togglePoints } from "../maths/points.ts";
 import { flatPoint } from "../maths/space.ts";
+import { setTrait } from "../sync/edits.ts";
 import type { SpacePane } from "./pane.ts";
 import type { SpaceParts } from "./parts.ts";
 
@@ -61,6 +62,7 @@ const COMMANDS: Record<string, Command> = {
   help: ({ modes }) => modes.toggleHelp(),
   mirror: ({ tools }) => tools.toggleMirror(),
   "mirror-axis": ({ tools }) => tools.turnMirror(),
+  stop: ({ model }) => setTrait(model, "stop_at_folds", !model.get("stop_at_folds")),
   snap: ({ tools }) => tools.lattice.toggle(),
   "turn-left": ({ tools }, _ids, pane) => tools.turnKey(pane, -1, { isLarge: true, isScale: false }),
   "turn-right": ({ tools }, _ids, pane) => tools.turnKey(pane, 1, { isLarge: true, isScale: false }),

@@ -16,6 +16,7 @@ import { Toolbar } from "../ui/toolbar.ts";
 import { SpaceCommands } from "./commands.ts";
 import { SliceCursor } from "./cursor.ts";
 import { SpaceEdits } from "./edits.ts";
+import { SpaceFoldStop } from "./fold_stop.ts";
 import { spaceKey } from "./keys.ts";
 import { SpaceModes } from "./modes.ts";
 import { SpacePane } from "./pane.ts";
@@ -48,6 +49,7 @@ const SPACE_GROUPS: ToolEntry[][] = [
     ["undo", "Undo", "Undo", false, "past"],
     ["redo", "Redo", "Redo", false, "future"],
   ],
+  [["stop", "Safe drag", "Stop drags before tissue folds", true]],
   [
     ["go", "Go to", "Move the slices to the selected point", false, "one"],
     ["compare", "Before", "Show the volume as it was", true],
@@ -110,6 +112,7 @@ export class SpaceEditorView extends EditorDrawing {
       setTrait(model, "large_slice", model.get("large_slice") === index ? -1 : index);
     });
     parts.points = new EditedPoints(parts);
+    parts.foldStop = new SpaceFoldStop(parts);
     parts.edits = new SpaceEdits(parts);
     parts.requests = new PictureRequests(model, parts.edits.id, () => frames.guard(() => this.showWaiting()));
     parts.cursor = new SliceCursor(parts);
@@ -174,7 +177,16 @@ export class SpaceEditorView extends EditorDrawing {
     on("change:theme", () => this.theme.apply());
     on("change:waiting", () => this.showWaiting());
     for (const name of ["height", "fill", "large_slice"]) on(`change:${name}`, () => this.layout());
-    for (const name of ["label", "projection", "shows_original", "read_only", "history", "mirror", "snap"]) {
+    for (const name of [
+      "label",
+      "projection",
+      "shows_original",
+      "read_only",
+      "history",
+      "mirror",
+      "snap",
+      "stop_at_folds",
+    ]) {
       on(`change:${name}`, () => frames.invalidate());
     }
     const moved = (event: CustomEvent<PointsDetail>) => frames.guard(() => edits.receiveMove(event.detail));
@@ -268,6 +280,7 @@ export class SpaceEditorView extends EditorDrawing {
       select: modes.isSelecting,
       mirror: tools.mirror.on,
       snap: tools.lattice.step > 0,
+      stop: model.get("stop_at_folds"),
       compare: model.get("shows_original"),
       help: help.isOpen,
       lock: selected.size > 0 && list.every((p) => p.locked || !selected.has(p.id)),

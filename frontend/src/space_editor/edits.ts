@@ -14,7 +14,7 @@ export class SpaceEdits {
   /** The points before the drag, or null. */
   drag0: SpacePoint[] | null = null;
 
-  constructor(readonly editor: SpaceParts<"model" | "sender" | "frames" | "messages" | "points">) {
+  constructor(readonly editor: SpaceParts<"model" | "sender" | "frames" | "messages" | "points" | "foldStop">) {
     editor.points.draggers = [this];
   }
 
@@ -40,8 +40,10 @@ export class SpaceEdits {
   }
 
   beginDrag() {
-    const { points } = this.editor;
-    if (!points.isLocked) this.drag0 = points.list;
+    const { foldStop, points } = this.editor;
+    if (points.isLocked) return;
+    this.drag0 = points.list;
+    foldStop.begin();
   }
 
   /** Show moving points. */

@@ -12,6 +12,7 @@ import type { Toolbar } from "../ui/toolbar.ts";
 import type { SpaceCommands } from "./commands.ts";
 import type { SliceCursor } from "./cursor.ts";
 import type { SpaceEdits } from "./edits.ts";
+import type { SpaceFoldStop } from "./fold_stop.ts";
 import type { SpaceModes } from "./modes.ts";
 import type { PaneRow } from "./pane_row.ts";
 import type { SpacePointTools } from "./point_tools.ts";
@@ -30,6 +31,7 @@ interface Parts {
   edits: SpaceEdits;
   tools: SpacePointTools;
   modes: SpaceModes;
+  foldStop: SpaceFoldStop;
   /** The place at which the slices meet. */
   cursor: SliceCursor;
   requests: PictureRequests;

@@ -18,7 +18,7 @@ export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an 
 
 /** Dependencies of the tools on the editor. */
 export type SpaceToolEditor = SpaceParts<
-  "model" | "sender" | "frames" | "messages" | "row" | "points" | "edits" | "cursor"
+  "model" | "sender" | "frames" | "messages" | "row" | "points" | "edits" | "foldStop" | "cursor"
 >;
 
 export class SpacePointTools {
@@ -36,6 +36,20 @@ export class SpacePointTools {
    */
   change(points: SpacePoint[], kind: PointsEdit["kind"], join: string | null = null) {
     return this.editor.edits.edit(this.symmetric(this.editor.points.list, points), kind, join);
+  }
+
+  /** An edit by a key, as far as tissue does not fold. */
+  #changeAsFar(make: (share: number) => SpacePoint[], kind: PointsEdit["kind"], join: string) {
+    const { edits, foldStop, messages, points } = this.editor,
+      before = points.list;
+    foldStop.begin();
+    edits.edit(
+      foldStop.limit((share) => this.symmetric(before, make(share))),
+      kind,
+      join,
+    );
+    if (foldStop.note) messages.announce(foldStop.note);
+    this.editor.frames.invalidate();
   }
 
   /**
@@ -68,12 +82,15 @@ export class SpacePointTools {
   }
 
   translate(ids: number[], way: Vector3, what: Moved, id: number) {
-    const { edits } = this.editor,
+    const { edits, foldStop } = this.editor,
       { drag0 } = edits;
     if (!drag0) return;
-    const free = freeIds(drag0, ids);
+    const free = freeIds(drag0, ids),
+      lead = this.#sideOfPoint(id);
     if (!free.length) this.announceLocked(id);
-    edits.show(this.symmetric(drag0, translateInSpace(drag0, free, way, what), this.#sideOfPoint(id)));
+    const make = (share: number) =>
+      this.symmetric(drag0, translateInSpace(drag0, free, scaled(way, share), what), lead);
+    edits.show(foldStop.limit(make));
   }
 
   /**
@@ -108,7 +125,11 @@ export class SpacePointTools {
     const { editor } = this;
     const free = freeIds(editor.points.list, ids);
     if (!free.length) this.announceLocked(ids[0]!);
-    this.change(translateInSpace(editor.points.list, free, way, what), "nudge", `nudge ${ids}`);
+    this.#changeAsFar(
+      (share) => translateInSpace(editor.points.list, free, scaled(way, share), what),
+      "nudge",
+      `nudge ${ids}`,
+    );
     const p = ids.length === 1 ? editor.points.withId(ids[0]!) : null;
     if (p)
       editor.messages.announce(`point ${editor.points.numberOf(p.id)} at ${p.target.map(formatLength).join(", ")}`);
@@ -288,7 +309,11 @@ export class SpacePointTools {
       [angle, factor] = turnOfKey(way, how);
     const kind = angle ? "turn" : "scale";
     if (!ids) return;
-    this.change(rotateInSpace(editor.points.list, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
+    this.#changeAsFar(
+      (share) => rotateInSpace(editor.points.list, ids, pane.info, share * angle, factor ** share),
+      kind,
+      `${kind} ${pane.index} ${ids}`,
+    );
     editor.messages.announce(
       angle ? `turned by ${formatLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
     );
@@ -305,7 +330,11 @@ export class SpacePointTools {
   turnTo(pane: SpacePane, ids: number[], angle: number, factor: number) {
     const { editor } = this,
       { drag0 } = editor.edits;
-    if (drag0) editor.edits.show(this.symmetric(drag0, rotateInSpace(drag0, ids, pane.info, angle, factor)));
+    if (drag0) {
+      const make = (share: number) =>
+        this.symmetric(drag0, rotateInSpace(drag0, ids, pane.info, share * angle, factor ** share));
+      editor.edits.show(editor.foldStop.limit(make));
+    }
     editor.messages.hint(
       factor === 1 ? `${formatLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`,
     );

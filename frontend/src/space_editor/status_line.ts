@@ -31,7 +31,7 @@ export class SpaceStatus {
   #notes: HTMLDivElement;
 
   constructor(
-    readonly editor: SpaceParts<"model" | "points" | "edits" | "cursor">,
+    readonly editor: SpaceParts<"model" | "points" | "edits" | "cursor" | "foldStop">,
     root: HTMLElement,
   ) {
     this.root = pageElement("div", "dnb-ed-status", root);
@@ -56,7 +56,7 @@ export class SpaceStatus {
 
   update() {
     const { facts } = this,
-      { edits, points } = this.editor,
+      { edits, foldStop, points } = this.editor,
       { list, selected } = points;
     if (edits.isViewer) {
       setText(this.#notes, facts.note || "Click or drag the cross-hair; the wheel goes through the slices");
@@ -77,9 +77,9 @@ export class SpaceStatus {
         : "No points yet: four or more in space bend the volume, one moves it",
     );
     this.#updateFolds(list.length ? facts.folds : null);
-    setText(this.#notes, facts.note || this.#advice());
+    setText(this.#notes, (facts.isBad && facts.note) || foldStop.note || facts.note || this.#advice());
     this.#notes.classList.toggle("dnb-ed-bad", Boolean(facts.isBad));
-    this.#notes.classList.toggle("dnb-ed-near", !facts.isBad && Boolean(facts.note));
+    this.#notes.classList.toggle("dnb-ed-near", !facts.isBad && Boolean(facts.note || foldStop.note));
   }
 
   #updateFolds(folds: [number, number] | null | undefined) {

@@ -156,6 +156,7 @@ export const SPACE_EDITOR_KEYS: KeyTable = [
       ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],
       ["Shift + M", "mirror across the next axis", { command: "mirror-axis", keys: ["Shift+m"] }],
       ["Shift + N", "snap to a lattice; Alt does not", { command: "snap", keys: ["Shift+n"] }],
+      ["T", "stop drags before tissue folds", { command: "stop", keys: ["t"] }],
     ],
   ],
   ["Cuts and rigid parts", [["Pen, wand", "on a picture only: choose a step that has one"]]],

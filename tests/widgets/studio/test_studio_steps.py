@@ -16,6 +16,7 @@ from studio_driver import a_drag, a_volume, act, controls, drag, get_notice, pan
 
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_regions import part_to_data
+from deformnb.document.step_checks import is_fold_free
 from deformnb.errors import DeformError
 from deformnb.io.volumes.formats import read_volume, write_volume
 from deformnb.rbf.cuts import Cut
@@ -26,6 +27,7 @@ from deformnb.volume.volume import Volume
 from deformnb.widgets import Studio
 from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.messages.shapes import shapes_to_json
+from deformnb.widgets.studio.step_diagnostics import tissue_of
 
 
 def buttons_of(box: Any) -> dict[str, ipw.Button]:
@@ -296,6 +298,35 @@ def test_a_step_in_space_has_an_editor_of_its_own(studio: Studio) -> None:
     assert studio.parts.editors.box.children == (flat,)
     assert flat.points == studio.session.editing.points
     assert controls(studio)["Side"].value == studio.session.steps.view
+
+
+@pytest.mark.parametrize("kind", ["move", "nudge"])
+def test_an_edit_in_space_ends_before_tissue_folds(studio: Studio, kind: str) -> None:
+    studio.session.steps.add(in_space=True)
+    studio.wait()
+    space, flat = studio.editor, studio.parts.editors.plane
+    middle = np.asarray(studio.volume.grid.center)
+    beside = middle + np.array([4.0, 0.0, 0.0])  # is held where it is
+    drag(studio, space.points.add(beside, beside).add(middle, middle), "add")
+    before = space.points
+    far = before.move(before.ids[-1], middle + np.array([7.0, 2.0, 0.0]))
+    assert not is_fold_free(space.step().with_points(far, 0), studio.volume.grid)
+    drag(studio, far, kind)
+    stopped = studio.session.editing.points
+    assert stopped == space.points
+    way = (stopped.target[-1] - middle)[:2] / (far.target[-1] - middle)[:2]
+    assert 0 < way[0] < 1
+    assert way[0] == pytest.approx(way[1])
+    assert is_fold_free(studio.session.editing.step, studio.volume.grid, is_tissue=tissue_of(studio.session))
+    assert "Stopped before tissue folds" in get_notice(studio)
+    studio.undo()
+    assert space.points == before
+    flat.stop_at_folds = False  # one switch for both editors
+    assert not space.stop_at_folds
+    drag(studio, far, kind)
+    assert studio.session.editing.points == far
+    space.stop_at_folds = True
+    assert flat.stop_at_folds
 
 
 def test_a_studio_opens_with_a_step_in_space(tmp_path: Path) -> None:
