@@ -20,6 +20,10 @@ const SUPPORTS = [1.5, 2, 3, 4, 6, 8]; // of the reach of points
 const WIDTHS = [1.6, 2.4, 3.5, 5]; // of the length of the drag: how far the tissue around follows
 const FURTHER = 0.05; // of the drag: less is not offered
 const TURNS = 5; // of the bisection of a way that does not reach the end
+const LOOK_AGAIN = 150, // ms: from one look at the volumes to the next, and until a picture is drawn at rest
+  LONGEST_REFINEMENT = 4000, // ms
+  LONGEST_WAIT = 500, // ms for an idle moment
+  UNFINISHED = ".dnb-view[data-drawing]";
 const RING = 8; // points that hold the tissue around, and that let it follow
 const NAMES: Record<string, [label: string, tip: string]> = {
   support: ["Larger support", "Points reach farther, so that the tissue around follows"],
@@ -72,17 +76,17 @@ export class FoldOffers {
     void this.#try(stopped, this.#turn);
   }
 
-  /** Try one way after the other, with pauses for the pointer. */
+  /** Try one way after the other in idle time, when all is drawn; another edit ends it. */
   async #try(stopped: StoppedDrag, turn: number) {
     const { editor } = this,
       found: FoldOffer[] = [];
     this.isTrying = true;
+    await drawnPage();
     for (const [name, ways] of Object.entries(this.#ways(stopped))) {
       let best: FoldOffer | null = null;
       for (const way of ways) {
-        await new Promise((resume) => setTimeout(resume));
-        if (turn !== this.#turn || editor.points.isDragging) return;
-        const share = this.#shareOf(way, Math.max(stopped.share, best?.share ?? 0));
+        const share = await this.#shareOf(way, Math.max(stopped.share, best?.share ?? 0), turn);
+        if (share === null) return;
         if (share > stopped.share + FURTHER && share > (best?.share ?? 0)) best = { name, way, share };
         if (share === 1) break;
       }
@@ -92,21 +96,26 @@ export class FoldOffers {
     editor.frames.guard(() => this.#show(found, stopped.share));
   }
 
-  /** How far a way gets; 0 where it gets no further than another one. */
-  #shareOf(way: Way, known: number) {
+  /** How far a way gets; 0 where it gets no further than another one, null where another edit has begun. */
+  async #shareOf(way: Way, known: number, turn: number): Promise<number | null> {
     const { foldStop } = this.editor.tools,
-      isFree = (share: number) => {
-        const state = way(share);
-        return state !== null && !foldStop.isRefused(state);
-      };
-    if (isFree(1)) return 1;
-    if (known + FURTHER >= 1 || !isFree(known + FURTHER)) return 0;
+      isOver = () => turn !== this.#turn || this.editor.points.isDragging;
+    const isFree = async (share: number) => {
+      await idleMoment();
+      if (isOver()) return false;
+      const state = way(share);
+      return state !== null && !foldStop.isRefused(state);
+    };
+    if (await isFree(1)) return 1;
+    if (isOver()) return null;
+    if (known + FURTHER >= 1 || !(await isFree(known + FURTHER))) return isOver() ? null : 0;
     let low = known + FURTHER,
       high = 1;
     for (let k = 0; k < TURNS; k++) {
       const middle = (low + high) / 2;
-      if (isFree(middle)) low = middle;
+      if (await isFree(middle)) low = middle;
       else high = middle;
+      if (isOver()) return null;
     }
     return low;
   }
@@ -298,6 +307,21 @@ export class FoldOffers {
   show() {
     if (this.isShown && (this.editor.points.isLocked || this.editor.picture.isBefore)) this.drop();
   }
+}
+
+/** An idle moment of the page: each check fits all points, and waits for the pointer and for pictures. */
+function idleMoment() {
+  return new Promise<unknown>((resume) => {
+    if ("requestIdleCallback" in globalThis) requestIdleCallback(resume, { timeout: LONGEST_WAIT });
+    else setTimeout(resume);
+  });
+}
+
+/** The page with no volume under way: the last pictures of a drag come before what might continue it. */
+async function drawnPage() {
+  const end = performance.now() + LONGEST_REFINEMENT;
+  do await new Promise((resume) => setTimeout(resume, LOOK_AGAIN));
+  while (document.querySelector(UNFINISHED) && performance.now() < end);
 }
 
 /** Places on a circle; `turn` of a step rotates them. */

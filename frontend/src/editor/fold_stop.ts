@@ -4,7 +4,7 @@
 import { NEARLY_FOLDED } from "../generated.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
 import { RbfError } from "../maths/rbf.ts";
-import { SafeShare } from "../maths/safe_share.ts";
+import { checksOf, SafeShare } from "../maths/safe_share.ts";
 import type { FitChange } from "../sync/edits.ts";
 import type { PicturePoint, Shapes } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
@@ -90,16 +90,23 @@ export class FoldStop {
     return low;
   }
 
+  /** Whether a stopped drag ends where it may not have been checked. The next movement is checked. */
+  isOverdue() {
+    return this.stopped !== null && this.#share.isOverdue();
+  }
+
   /** A drag as far as the map stays free of folds, while the stop is on: from `make(0)` to `make(1)`. */
   limit<S extends MapState>(make: (share: number) => S): S {
     const wanted = make(1);
     this.stopped = null;
     this.note = "";
-    if (!this.isOn || !this.isRefused(wanted)) {
+    const { points } = this.start,
+      way = { length: lengthOf(this.start, wanted), checks: checksOf(points.length) };
+    if (!this.isOn || !this.#share.refusesWay(way, () => this.isRefused(wanted))) {
       this.#share.reset();
       return wanted;
     }
-    const share = this.#share.find(make, (state) => this.isRefused(state));
+    const share = this.#share.find(make, (state) => this.isRefused(state), way.checks);
     this.#hold({ make, share }, "Stopped before tissue folds; T lets the drag continue");
     return make(share);
   }
@@ -122,6 +129,21 @@ export class FoldStop {
     this.stopped = stopped;
     this.note = note;
   }
+}
+
+/** The longest way of a point or a part from one state to another; infinite where they differ in more than places. */
+function lengthOf({ points, shapes }: MapState, to: MapState) {
+  let most = shapes === to.shapes || !to.shapes.parts.some(({ motion }) => motion) ? 0 : Infinity;
+  const was = new Map(points.map((p) => [p.id, p]));
+  for (const p of to.points) {
+    const before = was.get(p.id);
+    if (before === p) continue;
+    for (const key of ["source", "target"] as const) {
+      const [a, b] = before?.[key] ?? p.source;
+      most = Math.max(most, Math.hypot(p[key][0] - a, p[key][1] - b));
+    }
+  }
+  return most;
 }
 
 /** The way of a stroke that goes on from some points to others, which may be more. */

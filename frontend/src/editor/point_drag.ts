@@ -54,6 +54,8 @@ export class PointDrag implements PointDragger {
   drag0: PicturePoint[] | null = null;
   isLive = false; // whether moving points have not been sent yet
   isSent = false; // whether points of this drag have been sent
+  /** The way of its last movement. */
+  #way: ((before: PicturePoint[], share: number) => PicturePoint[]) | null = null;
 
   constructor(readonly editor: DragEditor) {
     editor.points.draggers.push(this);
@@ -107,6 +109,7 @@ export class PointDrag implements PointDragger {
     const { drag0, editor } = this,
       shapes = editor.points.shapes;
     if (!drag0) return;
+    this.#way = make;
     const { points: wanted } = editor.tools.foldStop.limit<MapState>((share) => ({
       points: make(drag0, share),
       shapes,
@@ -142,8 +145,10 @@ export class PointDrag implements PointDragger {
 
   /** Returns whether the drag was an edit. */
   endDrag(isCancelled: boolean, kind: PointsEdit["kind"] = "move") {
-    const { editor, drag0 } = this,
-      points = editor.points.list;
+    const { editor, drag0 } = this;
+    if (!isCancelled && this.#way && editor.tools.foldStop.isOverdue()) this.show(this.#way);
+    this.#way = null;
+    const points = editor.points.list;
     this.drag0 = null;
     editor.sender.drawn = editor.frames.rate.finish();
     editor.layers.handles.lock([]);

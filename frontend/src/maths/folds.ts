@@ -4,7 +4,7 @@
 
 import { NEARLY_FOLDED } from "../generated.ts";
 import type { Fit, LayeredFit, Numbers6, Raster, RbfFit, Vector2, Vector4 } from "../types.ts";
-import { placeOf } from "./cuts.ts";
+import { chosenPlace, layersOnRaster, placeOf } from "./cuts.ts";
 import { forwardTargets } from "./forward_fit.ts";
 import { RBF_KERNELS, rbfLinearAt } from "./rbf.ts";
 import { fieldWithSlope } from "./warp_map.ts";
@@ -21,8 +21,38 @@ const FOLD_FINE = 4; // parts of the side of a cell in which a fold begins
 
 /** det J of a fit at a place. */
 function detOf(fit: Fit, a: number, b: number, work: Numbers6) {
+  if (isPlain(fit)) return rbfDetAt(fit, a, b);
   fieldWithSlope(fit, a, b, work);
   return work[2] * work[5] - work[3] * work[4];
+}
+
+/** Whether a fit is one of points only, with no rigid parts or stages, in its own direction. */
+function isPlain({ rigid, stages, forward, sampled, blend }: Fit) {
+  return !rigid && !stages && !forward && !sampled && !blend;
+}
+
+/** The same of a plain fit, without its displacement: a compact kernel's centres beyond its reach cost nothing. */
+function rbfDetAt(fit: RbfFit, a: number, b: number) {
+  const { support: r, origin, centers: x, coefficients: alpha, scales, count } = fit,
+    { slope, compact } = RBF_KERNELS[fit.kernel]!,
+    p = (a - origin[0]) / r,
+    q = (b - origin[1]) / r;
+  let [[j00, j01], [j10, j11]] = rbfLinearAt(fit, p, q);
+  for (let k = 0, j = 0; k < count; k++, j += 2) {
+    const dp = p - x[j]!,
+      dq = q - x[j + 1]!,
+      w = scales ? scales[k]! * scales[k]! : 1,
+      s = (dp * dp + dq * dq) * w;
+    if (compact && s >= 1) continue;
+    const g = 2 * w * slope(s),
+      u = alpha[j]! * g,
+      v = alpha[j + 1]! * g;
+    j00 += u * dp;
+    j01 += u * dq;
+    j10 += v * dp;
+    j11 += v * dq;
+  }
+  return (1 + j00 / r) * (1 + j11 / r) - (j01 * j10) / (r * r);
 }
 
 const DET_WORK = new Float64Array(6) as Numbers6,
@@ -44,9 +74,32 @@ export function detsOnRaster(layered: LayeredFit, raster: Raster, out: Float64Ar
     } = raster,
     dets = out ?? new Float64Array(nv * nu);
   const one = layered.regions.length ? null : layered.fits[0]?.fit;
-  if (one && !one.rigid && !one.stages && !one.forward && !one.sampled) return rbfDetsOnRaster(one, raster, dets);
+  if (one && isPlain(one)) return rbfDetsOnRaster(one, raster, dets);
+  if (layered.regions.length && layered.fits.every(({ fit }) => isPlain(fit))) {
+    return visibleDetsOnRaster(layered, raster, dets);
+  }
   for (let i = 0, n = 0; i < nv; i++) {
     for (let j = 0; j < nu; j++, n++) dets[n] = detAt(layered, a0 + j * du, b0 + i * dv);
+  }
+  return dets;
+}
+
+/** The same of plain fits between cuts: that of each fit on the raster, and of them the visible one. */
+function visibleDetsOnRaster(layered: LayeredFit, raster: Raster, dets: Float64Array) {
+  const {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin: [a0, b0],
+    } = raster,
+    { fits, regions } = layered,
+    moves = layersOnRaster(layered, raster),
+    own = fits.map(({ fit }) => rbfDetsOnRaster(fit, raster, new Float64Array(nv * nu)));
+  for (let i = 0, n = 0; i < nv; i++) {
+    for (let j = 0; j < nu; j++, n++) {
+      const move = (k: number): Vector2 => [moves[k]![2 * n]!, moves[k]![2 * n + 1]!];
+      const [, , opacity, k] = chosenPlace(layered, regions, a0 + j * du, b0 + i * dv, move, 1e-9, DET_SEEN);
+      dets[n] = k < 0 ? 1 : opacity > 0 ? own[k]![n]! : NaN;
+    }
   }
   return dets;
 }

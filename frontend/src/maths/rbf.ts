@@ -916,11 +916,12 @@ function rbfWarnings(ready: Ready, kernel: string, map: number[][]) {
 function rbfTornPairs({ merged, n, ids }: Ready, most: number = 3) {
   const size = rbfDiameter(merged.map((q) => q.x)),
     near = SAME_PLACE * size;
-  const sources = merged.map(rbfSource);
+  const sources = merged.map(rbfSource),
+    first = Float64Array.from(sources, ([value]) => value);
   const found: Vector2[] = [];
   for (let i = 0; i < n && size > 0 && found.length < most; i++) {
     for (let j = i + 1; j < n && found.length < most; j++) {
-      if (Math.abs(sources[i]![0] - sources[j]![0]) <= near && rbfDistance(sources[i]!, sources[j]!) <= near) {
+      if (Math.abs(first[i]! - first[j]!) <= near && rbfDistance(sources[i]!, sources[j]!) <= near) {
         found.push([ids[i]!, ids[j]!]);
       }
     }
@@ -961,6 +962,7 @@ function rbfCrossingPairs(ready: Ready, map: number[][], most: number = 3) {
     }
     return Math.sqrt(square);
   };
+  if (!rbfHasCrossing(x, moved, map)) return []; // the usual case, without a search for neighbours
   const pairs = new Map<number, [i: number, j: number, degree: number]>(),
     { found, count } = rbfNeighbours(ready, NEAREST_AND_EQUAL);
   for (let i = 0; i < n; i++) {
@@ -985,6 +987,37 @@ function rbfCrossingPairs(ready: Ready, map: number[][], most: number = 3) {
     .filter(([, [, , degree]]) => degree >= worst[0]![1][2] - FAR_BEHIND)
     .sort(([p], [q]) => p - q)
     .map(([, [i, j]]): Vector2 => [ready.ids[i]!, ready.ids[j]!]);
+}
+
+/**
+ * Whether the displacement next to a linear map moves any two places farther than the map keeps them apart.
+ * @param moved the sources next to the map
+ */
+function rbfHasCrossing(x: Float64Array, moved: Float64Array, map: number[][]) {
+  const [[a, b, c], [d, e, f], last] = map as [number[], number[], number[]?],
+    dim = map.length;
+  for (let i = 0; i < x.length; i += dim) {
+    for (let j = 0; j < i; j += dim) {
+      const u = x[i]! - x[j]!,
+        v = x[i + 1]! - x[j + 1]!,
+        p = moved[i]! - moved[j]!,
+        q = moved[i + 1]! - moved[j + 1]!;
+      let beside = p * p + q * q,
+        s = a! * u + b! * v,
+        t = d! * u + e! * v,
+        along = 0;
+      if (last) {
+        const w = x[i + 2]! - x[j + 2]!,
+          r = moved[i + 2]! - moved[j + 2]!;
+        beside += r * r;
+        s += c! * w;
+        t += f! * w;
+        along = (last[0]! * u + last[1]! * v + last[2]! * w) ** 2;
+      }
+      if (!(beside * (1 + SAME_DISTANCE) <= along + s * s + t * t)) return true;
+    }
+  }
+  return false;
 }
 
 // ---- kernels and trends, with the names and in the order of the package ---------------------------------------------
@@ -1240,7 +1273,27 @@ export function rbfBoxDiagonal(points: Ends[]) {
  */
 function rbfUsualSupport(points: Point[], kernel: string) {
   const places = rbfAtRest(points),
-    size = rbfDiameter(places),
+    known = SUPPORTS.find((one) => one.kernel === kernel && arePlacesEqual(one.places, places));
+  if (known) return known.support;
+  const support = rbfSupportOf(places, kernel);
+  SUPPORTS.unshift({ kernel, places, support });
+  SUPPORTS.length = Math.min(SUPPORTS.length, KNOWN_SUPPORTS);
+  return support;
+}
+
+/** The last usual supports: during a drag the places that they depend on stay. */
+const SUPPORTS: { kernel: string; places: Vector[]; support: number | null }[] = [],
+  KNOWN_SUPPORTS = 8;
+
+function arePlacesEqual(p: Vector[], q: Vector[]) {
+  return (
+    p.length === q.length &&
+    p.every((one, k) => one === q[k] || one.every((value, c) => value === (q[k] as number[])[c]))
+  );
+}
+
+function rbfSupportOf(places: Vector[], kernel: string) {
+  const size = rbfDiameter(places),
     { share, gaps } = RBF_KERNELS[kernel]!;
   if (size === 0) return null;
   const { spreads } = rbfSpreads(places, places),

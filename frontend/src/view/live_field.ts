@@ -9,6 +9,7 @@ import { FieldLink, fieldOf } from "./follow_editor.ts";
 import { SpaceLink } from "./follow_space.ts";
 import { TimeLink } from "./playback.ts";
 import type { FrameLoop } from "./render_loop.ts";
+import { isSameField, isSamePlanar } from "./same_field.ts";
 import type { Bytes, Field, VolumeInfo } from "./types.ts";
 import type { ViewCamera } from "./view_camera.ts";
 import type { ViewMessages } from "./view_elements.ts";
@@ -59,27 +60,29 @@ export class LiveField {
     }
   }
 
-  /** Take a message of Python; false where its field is not here. */
-  receive(content: FieldMaps, buffers: Bytes[]) {
-    const { view } = this;
+  /** Take a message of Python: "missing" where its field is not here, "same" where that is shown already. */
+  receive(content: FieldMaps, buffers: Bytes[]): "missing" | "same" | "new" {
+    const { view } = this,
+      before = this.shown;
     this.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
     this.times.drop();
     const field = content.frames
       ? this.times.take(content, content.frames, buffers as [Bytes, Bytes])
       : fieldOf(content, buffers, this.cuts);
-    if (!field) return false;
+    if (!field) return "missing";
+    const next: Field = {
+      ...field,
+      planar: this.link.merge(field.planar, content.follow || null),
+      space: this.spaceLink.merge(field.space, content.moved || null),
+    };
+    if (before && view.loop && isSameField(before, next)) return "same"; // the answer to an edit that was drawn here
     view.camera.reframe(() => {
-      // a larger field of view is fully visible
-      this.shown = {
-        ...field,
-        planar: this.link.merge(field.planar, content.follow || null),
-        space: this.spaceLink.merge(field.space, content.moved || null),
-      };
+      this.shown = next; // a larger field of view is fully visible
     });
     view.mark();
     this.apply();
     view.touch();
-    return true;
+    return "new";
   }
 
   apply() {
@@ -97,10 +100,15 @@ export class LiveField {
 
   /** Show new maps from the editor in this window: no byte is sent to Python. */
   #follow(planar: PlanarField, isDrawing: boolean) {
+    const { caster, loop } = this.view,
+      before = this.shown?.planar ?? null;
     if (this.shown) this.shown.planar = planar;
     else this.shown = { box: null, planar, space: null };
     this.apply();
-    if (!isDrawing && this.view.caster?.voxels.volume) this.view.touch(this.link.isMoving);
+    if (isDrawing || !caster?.voxels.volume) return;
+    // A drop where the last movement was drawn: the full picture may begin.
+    if (loop && !this.link.isMoving && before && isSamePlanar(before, planar)) loop.release();
+    else this.view.touch(this.link.isMoving);
   }
 
   /** The same for a displacement in space. */

@@ -287,18 +287,20 @@ export class LiveVolumeView extends VolumeFrontEnd {
   }
 
   receiveField(content: FieldMaps, buffers: Bytes[]) {
-    if (this.shownField.receive(content, buffers)) this.confirm(content.seq);
-    else this.hello(); // which is answered with all of it
+    const found = this.shownField.receive(content, buffers);
+    if (found === "missing")
+      this.hello(); // which is answered with all of it
+    else this.confirm(content.seq, found === "same");
   }
 
   /** Let Python send the next field when this one is being drawn: so it computes that while the GPU draws this. */
-  confirm(seq: number | undefined) {
+  confirm(seq: number | undefined, isDrawn: boolean) {
     if (!seq) return;
     const confirm = () => {
       if (!this.closed) this.messages.send({ type: "seen", seq });
     };
     if (this.still) this.still.callWhenShown(confirm);
-    else if (this.loop && this.caster?.isReady) this.loop.begun.push(confirm);
+    else if (this.loop && this.caster?.isReady && !isDrawn) this.loop.begun.push(confirm);
     else confirm();
   }
 
@@ -324,6 +326,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
 
   sendStats(loop: FrameLoop) {
     const { link, spaceLink } = this.shownField;
+    this.elements.root.removeAttribute("data-drawing");
     this.stats = {
       ...renderStats(loop),
       received: this.voxels.received + this.shownField.received,
@@ -336,6 +339,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
 
   touch(held = false) {
     this.follow();
+    if (this.loop && this.caster?.voxels.volume) this.elements.root.toggleAttribute("data-drawing", true);
     this.loop?.touch(held);
   }
 
