@@ -54,6 +54,7 @@ const PIECE_MS = 25; // of a quick picture: a widget that draws a picture next t
 // that moves the points needs too.
 const GPU_SHARE = 0.5,
   SOFTWARE_SHARE = 0.25; // of the usual 65 ms: 16, so that a volume follows in every second frame
+const LONGEST_REST = 80; // ms between two quick pictures of a software renderer, which rests as long as the last took
 const HEARD_MS = 3; // from the end of the GPU's work until the page is notified
 const COARSEST = 2; // halvings of the pixels: half of them along both axes, or a moving volume is a blur
 const FEWEST_PIXELS = 8000; // of a quick picture: 7 to 12 ms of drawing; with fewer it waits for other work as long
@@ -349,6 +350,7 @@ export class FrameLoop {
   isRequested = false;
   work: Work | null = null;
   rush: Rush | null = null;
+  #rested = 0; // when the next quick picture of a drag may begin
   change: (() => void) | null = null; // applied with the next quick picture
   begun: (() => void)[] = []; // called when the next quick picture has begun
   times: { drag: number[]; full: number; passes: number; frames: number } = { drag: [], full: 0, passes: 0, frames: 0 };
@@ -413,7 +415,9 @@ export class FrameLoop {
     if (turns.isClosed || !caster.isReady || caster.gpu.gl.isContextLost()) return;
     const left = movement.left(this.options().settle);
     if (this.rush) this.#piece(this.rush);
-    else if (this.isRequested) this.#quick();
+    else if (this.isRequested && movement.isHeld && performance.now() < this.#rested) {
+      turns.plan(this.#rested - performance.now());
+    } else if (this.isRequested) this.#quick();
     else if (movement.isHeld || left > 0) turns.plan(Math.max(16, left));
     else this.#refine();
   }
@@ -474,6 +478,8 @@ export class FrameLoop {
     this.times.frames += 1;
     const [width, height] = rush.size;
     this.quick.learn(rush.spent, width * height, this.options().target);
+    // Where the coarsest picture takes more than its share, the others on the same processors have half of the time.
+    this.#rested = performance.now() + (this.caster.gpu.isSoftware ? Math.min(LONGEST_REST, rush.spent) : 0);
   }
 
   /** Make the changes that were requested while a picture was being drawn. */
