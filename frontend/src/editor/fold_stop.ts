@@ -6,7 +6,7 @@ import { foldsOf, probesOf } from "../maths/folds.ts";
 import { RbfError } from "../maths/rbf.ts";
 import { checksOf, SafeShare } from "../maths/safe_share.ts";
 import type { FitChange } from "../sync/edits.ts";
-import type { PicturePoint, Shapes } from "../types.ts";
+import type { PicturePoint, Shapes, Vector4 } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
 /** The input of a fit */
 export type MapState = { points: PicturePoint[]; shapes: Shapes; fit?: FitChange };
@@ -59,13 +59,10 @@ export class FoldStop {
       const layered = editor.map.fitOf(points, { ...shapes, ...fit });
       const [few, many] = HOLD_NODES;
       const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
-      return foldsOf(
-        layered,
-        editor.picture.box,
-        nodes,
-        probesOf(layered, HOLD_WORK / 4),
-        editor.map.tissueTest(layered),
-      ).least;
+      const { box } = editor.picture,
+        isTissue = editor.map.tissueTest(layered);
+      const near = isTissue && tissueNear(isTissue, box, nodes);
+      return foldsOf(layered, box, nodes, probesOf(layered, HOLD_WORK / 4), near).least;
     } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       return -Infinity;
@@ -129,6 +126,14 @@ export class FoldStop {
     this.stopped = stopped;
     this.note = note;
   }
+}
+
+/** Whether tissue is within half a cell of a lattice in a box: a fold at a node of air may reach tissue between nodes. */
+function tissueNear(isTissue: (a: number, b: number) => boolean, [a0, a1, b0, b1]: Vector4, nodes: number) {
+  const steps = [0, -0.5, 0.5],
+    da = (a1 - a0) / (nodes - 1),
+    db = (b1 - b0) / (nodes - 1);
+  return (a: number, b: number) => steps.some((i) => steps.some((j) => isTissue(a + i * da, b + j * db)));
 }
 
 /** The longest way of a point or a part from one state to another; infinite where they differ in more than places. */

@@ -251,6 +251,17 @@ class Movement {
   isHeld = false;
   #moved = 0;
   #dropped = -Infinity;
+  #rested = 0;
+
+  /** Milliseconds until the next quick picture of a drag may begin. */
+  get rest() {
+    return this.#rested - performance.now();
+  }
+
+  /** Rest for some milliseconds after a quick picture. */
+  pause(rest: number) {
+    this.#rested = performance.now() + rest;
+  }
 
   hold(isHeld: boolean) {
     if (this.isHeld && !isHeld) this.#dropped = performance.now();
@@ -350,7 +361,6 @@ export class FrameLoop {
   isRequested = false;
   work: Work | null = null;
   rush: Rush | null = null;
-  #rested = 0; // when the next quick picture of a drag may begin
   change: (() => void) | null = null; // applied with the next quick picture
   begun: (() => void)[] = []; // called when the next quick picture has begun
   times: { drag: number[]; full: number; passes: number; frames: number } = { drag: [], full: 0, passes: 0, frames: 0 };
@@ -415,9 +425,8 @@ export class FrameLoop {
     if (turns.isClosed || !caster.isReady || caster.gpu.gl.isContextLost()) return;
     const left = movement.left(this.options().settle);
     if (this.rush) this.#piece(this.rush);
-    else if (this.isRequested && movement.isHeld && performance.now() < this.#rested) {
-      turns.plan(this.#rested - performance.now());
-    } else if (this.isRequested) this.#quick();
+    else if (this.isRequested && movement.isHeld && movement.rest > 0) turns.plan(movement.rest);
+    else if (this.isRequested) this.#quick();
     else if (movement.isHeld || left > 0) turns.plan(Math.max(16, left));
     else this.#refine();
   }
@@ -479,7 +488,7 @@ export class FrameLoop {
     const [width, height] = rush.size;
     this.quick.learn(rush.spent, width * height, this.options().target);
     // Where the coarsest picture takes more than its share, the others on the same processors have half of the time.
-    this.#rested = performance.now() + (this.caster.gpu.isSoftware ? Math.min(LONGEST_REST, rush.spent) : 0);
+    if (this.caster.gpu.isSoftware) this.movement.pause(Math.min(LONGEST_REST, rush.spent));
   }
 
   /** Make the changes that were requested while a picture was being drawn. */
