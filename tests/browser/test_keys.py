@@ -74,6 +74,7 @@ def test_the_list_is_a_dialog_that_escape_closes_and_the_focus_returns(
     groups = page.page.locator(".dnb-ed-help [role=list]")
     assert [groups.nth(k).get_attribute("aria-label") for k in range(groups.count())] == [
         "Points",
+        "In the volume",
         "Several points",
         "Brushes",
         "Helpers",

@@ -406,7 +406,7 @@ def test_a_point_off_the_slice_says_how_far(volume: Volume, points: ControlPoint
     flat = run_script(
         EDITS,
         "({ pane, points, depth }) => points.map((p) => { const flat = flatPoint(p, pane, depth); "
-        "return { ...flat, label: spaceLabel(flat), tip: spaceTip(flat) }; })",
+        "return { ...flat, label: spaceLabel(flat, p.id + 1), tip: spaceTip(flat) }; })",
         {"pane": pane.info(), "points": points_to_json(points), "depth": depth},
     )
     assert not flat[0]["isFar"]
