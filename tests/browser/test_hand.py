@@ -323,6 +323,27 @@ def test_points_stop_before_the_picture_folds(open_editor: Any, picture: Picture
     assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
 
 
+def test_arrow_keys_stop_before_the_picture_folds(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
+    page = open_editor(Editor(picture, points))
+    page.page.locator("[data-id='4']").focus()
+    for _ in range(30):
+        page.page.keyboard.press("Shift+ArrowRight")
+    page.wait_answered()
+    stopped = page.points.target[4]
+    assert 0.04 < page.js(f"{PAGE}.map.folds.least") < 0.12
+    assert page.page.locator(".dnb-ed-notes").inner_text().startswith("Stopped before tissue folds")
+    page.page.keyboard.press("ArrowLeft")  # back is free
+    page.wait_answered()
+    step = page.editor.picture.raster.spacing[0]
+    assert page.points.target[4] == pytest.approx(stopped - [step, 0], abs=1e-6)
+    assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
+    page.page.keyboard.press("t")
+    for _ in range(30):
+        page.page.keyboard.press("Shift+ArrowRight")
+    page.wait_answered()
+    assert page.js(f"{PAGE}.map.folds.least") < 0
+
+
 @pytest.mark.parametrize("stops", [False, True])
 def test_a_drop_keeps_the_fit_of_the_last_move(
     open_editor: Any, picture: Picture, points: ControlPoints, stops: bool

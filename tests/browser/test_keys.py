@@ -38,7 +38,7 @@ def table_keys(table: str) -> set[str]:
     [
         (("editor/editor_keys.ts", "editor/shape_tools.ts", "editor/brush_tool.ts"), "EDITOR_KEYS"),
         (("space_editor/keys.ts",), "SPACE_EDITOR_KEYS"),
-        (("view/pointer.ts",), "VIEW_KEYS"),
+        (("view/pointer.ts", "view/picture_plane.ts"), "VIEW_KEYS"),
     ],
 )
 def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -> None:

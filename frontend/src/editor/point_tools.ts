@@ -18,6 +18,7 @@ import { RbfError } from "../maths/rbf.ts";
 import { type FitChange, MOST_CHARACTERS } from "../sync/edits.ts";
 import type { FitSettings, PicturePoint, Vector2 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
+import type { MapState } from "./fold_stop.ts";
 import type { Moved } from "./gesture.ts";
 import { pointLabel } from "./handles.ts";
 import { PointMirror } from "./mirror.ts";
@@ -28,7 +29,7 @@ const NEAR = 6; // CSS pixels: a new handle nearer than this to an old one selec
 /** Dependencies of the tools on the editor. */
 export type PointEditor = EditorParts<
   "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
-  never,
+  "foldStop",
   "handles",
   "names"
 >;
@@ -71,6 +72,20 @@ export class PointTools {
   /** The same with its mirror image, if the mirror is on. */
   change(points: PicturePoint[], kind: PointsEdit["kind"], join: string | null = null) {
     return this.edit(this.mirror.edit(this.editor.points.list, points, 0, kind === "add"), kind, join);
+  }
+
+  /** The same by a key, as far as tissue does not fold: `make(1)` of the points, or a share of the way. */
+  changeAsFar(make: (share: number) => PicturePoint[], kind: PointsEdit["kind"], join: string) {
+    const {
+      messages,
+      points: { list, shapes },
+      tools: { foldStop },
+    } = this.editor;
+    foldStop.begin();
+    const { points } = foldStop.limit<MapState>((share) => ({ points: this.mirror.edit(list, make(share)), shapes }));
+    this.edit(points, kind, join);
+    if (foldStop.note) messages.announce(foldStop.note);
+    foldStop.end();
   }
 
   /** Whether a fit is possible; if not, the reason is shown. */
@@ -119,8 +134,9 @@ export class PointTools {
     if (focused !== null && !editor.points.selected.has(focused)) editor.points.select([focused]);
     const [du, dv] = editor.model.get("raster").spacing,
       free = this.movableIds(ids);
-    this.change(
-      translatePoints(editor.points.list, free, dx * pixels * du, dy * pixels * dv, what),
+    const before = editor.points.list;
+    this.changeAsFar(
+      (share) => translatePoints(before, free, share * dx * pixels * du, share * dy * pixels * dv, what),
       "nudge",
       `nudge ${ids}`,
     );

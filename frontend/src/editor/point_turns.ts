@@ -52,8 +52,11 @@ export class PointTurns {
       turn = editor.points.isLocked ? null : this.#turnables();
     if (!turn) return;
     const kind = angle ? "turn" : "scale";
-    const points = rotatePoints(turn.points, turn.ids, turn.about, angle, factor);
-    editor.tools.points.change(points, kind, `${kind} ${[...editor.points.selected]}`);
+    editor.tools.points.changeAsFar(
+      (share) => rotatePoints(turn.points, turn.ids, turn.about, share * angle, factor ** share),
+      kind,
+      `${kind} ${[...editor.points.selected]}`,
+    );
     editor.messages.announce(
       angle ? `turned by ${formatLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
     );

@@ -39,8 +39,13 @@ export function pictureViewTools({ points, tools, viewport }: ViewToolsEditor): 
     add: (place) => tools.points.addAt(toView(place)),
     remove: (ids) => tools.points.remove(ids),
     nudge(ids, [da, db]) {
-      const free = tools.points.movableIds(ids);
-      tools.points.change(translatePoints(points.list, free, da, db, "target"), "nudge", `nudge ${ids}`);
+      const before = points.list,
+        free = tools.points.movableIds(ids);
+      tools.points.changeAsFar(
+        (share) => translatePoints(before, free, share * da, share * db, "target"),
+        "nudge",
+        `nudge ${ids}`,
+      );
     },
     press(place, isFinger) {
       const gesture = modes.activeTool?.grab(toView(place), isFinger) ?? null;

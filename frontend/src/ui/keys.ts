@@ -38,6 +38,7 @@ const VOLUME_KEYS: KeyRow[] = [
   ["Drag an arrow", "along that axis"],
   ["Wheel on it, Alt + wheel", "along the ray"],
   ["Page up, down on it", "deeper, nearer by 1 (10) voxels"],
+  ["E", "edit this view"],
   ["0", "camera as at first"],
 ];
 
@@ -185,7 +186,8 @@ export const SPACE_EDITOR_KEYS: KeyTable = [
 ];
 
 /**
- * Keys of the live view (view/pointer.js). It shows no list; they are here so that one module holds all keys.
+ * Keys of the live view (view/pointer.ts, view/picture_plane.ts). It shows no list; they are here so that one module
+ * holds all keys.
  */
 export const VIEW_KEYS: KeyTable = [
   [
@@ -194,6 +196,7 @@ export const VIEW_KEYS: KeyTable = [
       ["Arrows", "turn, with Shift faster", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
       ["+, -", "zoom", { keys: ["+", "=", "-"] }],
       ["0", "as at first", { keys: ["0"] }],
+      ["E", "edit this view", { keys: ["e"] }],
       ["Hold space", "before", { keys: [" "] }],
     ],
   ],
