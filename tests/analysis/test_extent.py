@@ -1,5 +1,7 @@
 """The box that deformed foreground needs, against where the warp itself puts it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -151,10 +153,13 @@ def test_places_are_in_the_foreground_or_not() -> None:
     assert [np.nan] * 3 not in foreground
 
 
-def test_sides_are_told_as_those_of_the_body() -> None:
+@pytest.mark.parametrize("is_anatomical", [False, True])
+def test_sides_are_told_as_those_of_the_body_where_they_are_known(is_anatomical: bool) -> None:
     volume = brick()
+    volume = replace(volume, grid=replace(volume.grid, is_anatomical=is_anatomical))
     foreground = find_foreground(volume)
-    moved = {(40.0, 0.0): ("left side (L)",), (0.0, 30.0): ("bottom (I)",), (0.0, 0.0): (), (1.0, 0.0): ()}
+    left, bottom = ("left side (L)", "bottom (I)") if is_anatomical else ("high x side", "low z side")
+    moved = {(40.0, 0.0): (left,), (0.0, 30.0): (bottom,), (0.0, 0.0): (), (1.0, 0.0): ()}
     for (a, b), sides in moved.items():
         points = ControlPoints.from_arrays([[0.0, 0.0]], [[a, b]])
         field = Deformation.from_picture_points(volume.grid, "+y", points, trend="translation").field(volume.grid)
