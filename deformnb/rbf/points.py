@@ -91,7 +91,7 @@ class ControlPoints:
     numbers: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        check_fields(self, "source", "target", "ids", "names", "active", "weight")
+        check_fields(self, "source", "target", "ids", "names", "active", "weight", "numbers")
         n = len(self.ids)
         object.__setattr__(self, "unit", check_unit(self.unit))
         object.__setattr__(self, "numbers", self.numbers or tuple(range(1, n + 1)))

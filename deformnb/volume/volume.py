@@ -464,6 +464,7 @@ class Grid:
     is_anatomical: bool = field(default=True, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        check_fields(self, "is_anatomical")
         object.__setattr__(self, "shape", check_shape(self.shape))
         object.__setattr__(self, "unit", check_unit(self.unit))
         object.__setattr__(self, "spacing", as_spacing(self.spacing))

@@ -184,8 +184,6 @@ def test_a_float_volume_may_be_filled_with_a_negative_number(small: Path, monkey
         ("warp pull.json face.ply out.ply --volume tiny.nrrd --fill 3", "--fill is for volumes, and face.ply is none"),
         ("warp pull.json face.ply out.ply --volume tiny.nrrd --labels", "--labels is for volumes"),
         ("warp pull.json face.ply face.ply --volume tiny.nrrd", "already there"),
-        ("app face.ply --spacing 1 1 1", "a spacing is for volumes"),
-        ("app face.ply", "the mesh is open"),
         ("warp pull.json face.ply out.ply --volume missing.nrrd", "no such file"),
         ("warp pull.json missing.ply out.ply --volume tiny.nrrd", "missing.ply: there is no such file"),
         ("warp pull.json cut.ply out.ply --volume tiny.nrrd", "cut.ply: .*cut short"),
@@ -217,6 +215,23 @@ def test_mistakes_are_one_sentence(
     code = run(small, line, monkeypatch)
     assert re.search(match, error_sentence(capsys.readouterr(), code))
     assert {p: p.read_bytes() for p in small.iterdir() if p.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("line", "match"),
+    [("app face.ply --spacing 1 1 1", "a spacing is for volumes"), ("app face.ply", "the mesh is open")],
+)
+def test_the_application_says_in_one_sentence_what_it_cannot_open(
+    line: str, match: str, small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_mesh(FACE, small / "face.ply")
+    code = run(small, f"{line} --no-browser", monkeypatch)
+    out, err = capsys.readouterr()
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\S+\n", out)  # the page is there before the file is read
+    assert code == 2
+    how_to_open, why_not = err.splitlines()
+    assert "open this address" in how_to_open
+    assert re.search(match, why_not)
 
 
 def test_force_overwrites(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
