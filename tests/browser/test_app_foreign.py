@@ -27,8 +27,9 @@ def test_a_foreign_page_takes_no_place_from_the_user(browser: Any, app: RunningA
         tab = Tab(browser, app)
         before = tab.volume()
         assert request_sockets(browser, origin, app.name) == _REFUSED
-        tab.drag(0, 40, 0)
-        tab.wait_for_points(4, 1)
+        tab.add_in_the_middle()
+        tab.drag(4, 60, -30)
+        tab.wait_for_points(5, 1)
         tab.wait_deformed(before)
         tab.close()
     app.application.thread.call(app.session.editing.reset).result(30)
