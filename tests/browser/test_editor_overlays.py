@@ -67,7 +67,7 @@ def assert_red_where_it_folds(page: EditorOnPage, picture: Picture) -> None:
 def test_a_point_dragged_over_its_neighbour_paints_the_fold_red(
     open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = open_editor(Editor(picture, points))
+    page = open_editor(Editor(picture, points, stop_at_folds=False))
     assert not layer(page).any()
     page.drag(points.target[4], OVER)
     assert_red_where_it_folds(page, picture)
@@ -77,7 +77,7 @@ def test_a_point_dragged_over_its_neighbour_paints_the_fold_red(
 
 
 def test_the_fold_is_there_while_the_mouse_moves(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
-    page = open_editor(Editor(picture, points))
+    page = open_editor(Editor(picture, points, stop_at_folds=False))
     x, y = page.to_screen(points.target[4])
     mouse = page.page.mouse
     mouse.move(x, y)
@@ -99,7 +99,7 @@ def test_a_drag_that_folds_nothing_paints_nothing(open_editor: Any, picture: Pic
 
 
 def test_the_fold_stays_with_the_picture_when_zoomed(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
-    page = open_editor(Editor(picture, points))
+    page = open_editor(Editor(picture, points, stop_at_folds=False))
     page.drag(points.target[4], OVER)
     page.js(f"{PAGE}.viewport.zoomAt(2.7, 640, 300)")
     assert_red_where_it_folds(page, picture)
@@ -120,7 +120,7 @@ def test_a_fold_smaller_than_a_cell_is_not_missed(open_editor: Any, picture: Pic
 
 
 def test_the_ring_is_where_the_determinant_is_least(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
-    page = open_editor(Editor(picture, points))
+    page = open_editor(Editor(picture, points, stop_at_folds=False))
     page.drag(points.target[4], OVER)
     det, seen = determinant(page), picture_mask(page, picture)
     row, column = np.unravel_index(np.where(seen, det, np.inf).argmin(), det.shape)
@@ -135,7 +135,7 @@ def test_the_ring_is_where_the_determinant_is_least(open_editor: Any, picture: P
 def test_folds_in_the_air_around_the_body_are_told_apart(
     open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:
-    page = open_editor(Editor(picture, points))
+    page = open_editor(Editor(picture, points, stop_at_folds=False))
     page.drag(points.target[4], OVER)
     assert "\u25b2 folds" in page.page.locator(".dnb-ed-folds").inner_text()
     page.editor.air = float(picture.values.max())  # nothing but air
@@ -149,7 +149,7 @@ def test_folds_in_the_air_around_the_body_are_told_apart(
 
 
 def test_stages_unfold_what_one_fit_folds(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
-    page = open_editor(Editor(picture, points))
+    page = open_editor(Editor(picture, points, stop_at_folds=False))
     page.drag(points.target[4], OVER)
     assert red(page).any()
     page.editor.stages = 16
@@ -199,7 +199,7 @@ def test_the_colours_follow_the_logarithm_of_the_area(
 
 
 def test_a_fold_is_red_over_the_area_too(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
-    page = open_editor(Editor(picture, points, overlay="area"))
+    page = open_editor(Editor(picture, points, overlay="area", stop_at_folds=False))
     page.drag(points.target[4], OVER)
     folded = determinant(page) <= 0
     inside = folded & ~near(~folded, 4) & picture_mask(page, picture)
@@ -247,7 +247,7 @@ def test_marked_points_have_a_dashed_ring_and_say_why(
 
 
 def test_the_menu_and_its_key_choose_the_overlay(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
-    page = open_editor(Editor(picture, points))
+    page = open_editor(Editor(picture, points, stop_at_folds=False))
     page.drag(points.target[4], OVER)
     menu = page.page.get_by_label("Overlay (V)")
     assert (menu.input_value(), red(page).any()) == ("folds", True)
@@ -296,7 +296,7 @@ def test_the_legend_lies_where_it_hides_no_point(open_editor: Any, picture: Pict
 
 
 def test_before_has_no_overlay(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
-    page = open_editor(Editor(picture, points, overlay="area"))
+    page = open_editor(Editor(picture, points, overlay="area", stop_at_folds=False))
     page.drag(points.target[4], OVER)
     page.page.keyboard.press("c")
     assert not layer(page).any()
@@ -306,7 +306,7 @@ def test_before_has_no_overlay(open_editor: Any, picture: Picture, points: Contr
 
 
 def test_beside_a_cut_the_map_that_is_seen_counts(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
-    editor = Editor(picture, points, trend="translation")
+    editor = Editor(picture, points, trend="translation", stop_at_folds=False)
     editor.cuts = [Cut(Line(((60.0, -40.0), (60.0, 90.0))))]
     page = open_editor(editor)
     page.drag(points.target[4], OVER)
