@@ -33,7 +33,7 @@ const CHOICE_KEYS: KeyRow[] = [
 ];
 
 const VOLUME_KEYS: KeyRow[] = [
-  ["Double-click, double tap", "put a point on the visible surface"],
+  ["Double-click, double tap", "put a point on what is seen"],
   ["Drag a disc", "in the view's plane, or along the surface"],
   ["Drag an arrow", "along that axis"],
   ["Wheel on it, Alt + wheel", "along the ray"],
