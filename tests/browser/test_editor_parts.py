@@ -288,7 +288,7 @@ def test_points_that_a_part_carries_go_with_it(open_editor: Any, picture: Pictur
 @pytest.mark.parametrize("how", ["carry", "off", "cancel"])
 def test_a_part_laid_over_points_asks_once_what_becomes_of_them(open_editor: Any, picture: Picture, how: str) -> None:
     points = frame().add([104.0, 20.0], [104.0, 20.0]).add([106.0, 30.0], [106.0, 30.0])
-    page = open_editor(Editor(picture, points, parts=[BONE]))
+    page = open_editor(Editor(picture, points, parts=[BONE], stop_at_folds=False))
     k = page.js(f"{PAGE}.viewport.view.k")
     choose(page)
     page.drag(INSIDE, (26 * k, 0))

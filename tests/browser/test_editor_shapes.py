@@ -223,7 +223,7 @@ def test_nothing_moves_within_a_rigid_part(open_editor: Any, picture: Picture) -
 
 def test_a_point_cannot_be_dragged_into_a_part(open_editor: Any, picture: Picture) -> None:
     part = RigidPart(Polygon([(75, 10), (100, 10), (100, 45), (75, 45)]), name="bone")
-    page = open_editor(Editor(picture, two_sides(), parts=[part]))
+    page = open_editor(Editor(picture, two_sides(), parts=[part], stop_at_folds=False))
     x, y = page.to_screen((45, 25))
     there = page.to_screen((85, 25))
     page.page.mouse.move(x, y)
