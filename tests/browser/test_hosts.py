@@ -102,7 +102,7 @@ class Shown:
 
     def handle(self, point: int) -> tuple[float, float]:
         """Place of a point on the screen."""
-        box = self.page.locator(f"[data-id='{point}'] .dnb-ed-disc").bounding_box()
+        box = self.page.locator(f".dnb-editor [data-id='{point}'] .dnb-ed-disc").bounding_box()
         return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
     def restore(self) -> None:

@@ -116,7 +116,8 @@ def test_a_drag_moves_picture_and_volume_and_python_knows(marimo_page: Any) -> N
         start = now
         marimo_page.wait_for_timeout(500)
     x, y, width, height = (
-        marimo_page.locator("[data-id='4'] .dnb-ed-disc").bounding_box()[k] for k in ("x", "y", "width", "height")
+        marimo_page.locator(".dnb-editor [data-id='4'] .dnb-ed-disc").bounding_box()[k]
+        for k in ("x", "y", "width", "height")
     )
     marimo_page.mouse.move(x + width / 2, y + height / 2)
     marimo_page.mouse.down()
