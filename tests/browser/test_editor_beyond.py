@@ -57,6 +57,7 @@ def test_matter_beyond_the_picture_is_that_of_the_result(open_editor: Any) -> No
     dragged(session, (22.0, -14.0))
     editor = make_editor(session, 420)
     editor.show_grid, editor.overlay = False, "none"
+    editor.subject = []  # the whole picture is shown, and what is around it
     page = open_editor(editor)
     assert editor.beyond == []
     assert np.ptp(page.canvas()[..., 0][beyond(page, editor.picture)]) == 0  # nothing but paper
@@ -86,6 +87,7 @@ def test_matter_beyond_the_picture_is_that_of_the_result(open_editor: Any) -> No
     assert np.median(np.abs(shown - expected)[seen & (expected > 60)]) < 6
     session.editing.output = None
     show_step(editor, session)
+    editor.subject = []
     page.wait_settled()
     assert page.js(f"({PAGE}.viewport.view.k)") == pytest.approx(before)
     assert np.ptp(page.canvas()[..., 0][beyond(page, editor.picture)]) == 0  # nothing but paper
