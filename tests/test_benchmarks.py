@@ -11,6 +11,7 @@ import sys
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Callable
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -357,7 +358,9 @@ def test_the_stored_ratios_are_those_of_rows() -> None:
 
 def test_the_documentation_has_every_row() -> None:
     said = (ROOT / "docs" / "speed.md").read_text(encoding="utf-8")
-    table = [line.split("|")[1].strip() for line in said.splitlines() if line.startswith("| ")]
+    lines = iter(said.splitlines())
+    assert any(line.startswith("| | deformnb | C, gcc |") for line in lines)
+    table = [line.split("|")[1].strip() for line in takewhile(lambda line: line.startswith("|"), lines)]
     assert table[1:] == list(ROWS)
 
 

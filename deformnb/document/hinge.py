@@ -75,8 +75,10 @@ def hinge(step: Step, pivot: ArrayLike, end: ArrayLike, angle: float, half_width
 
     Examples
     --------
+    >>> from deformnb.rbf.points import ControlPoints
     >>> from deformnb.volume.plane import Plane
-    >>> step = hinge(Step(plane=Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))), (0, 0), (50, 0), 30.0, 8.0)
+    >>> step = Step((ControlPoints.empty(2),), Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)))
+    >>> step = hinge(step, (0, 0), (50, 0), 30.0, 8.0)
     >>> [part.name for part in step.parts]
     ['turns', 'stays']
     """

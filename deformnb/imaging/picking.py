@@ -69,7 +69,7 @@ def surface_point(
     >>> values[3:6] = 200
     >>> opaque = TransferFunction(((0, 0, 0, 0), (200, 1, 1, 1)), ((100, 0), (100, 1)))
     >>> surface_point(values, ([4, 4, 0], [0, 0, 1]), opaque).round(1).tolist()
-    [4.0, 4.0, 2.5]
+    [4.0, 4.0, 2.6]
     """
     if method not in ("composite", "shaded", "mip"):
         raise DeformError(f"unknown method {method!r}; choose composite, shaded or mip.")

@@ -136,7 +136,7 @@ def fitting_examples(session: Session) -> tuple[str, ...]:
     --------
     >>> from deformnb.datasets.phantoms import PHANTOMS
     >>> fitting_examples(Session(PHANTOMS["head"].make((24, 24, 24)), view="+y"))
-    ('widen', 'open')
+    ('bend', 'widen', 'open')
     """
     if session.editing.step.plane is None:
         return ()

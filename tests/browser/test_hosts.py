@@ -42,6 +42,7 @@ report = Label().add_class("report")
 SHOW = """
 studio = Studio(volume, start, side="+y", transfer="surface", height=600)
 studio.editor.density = 0
+studio.editor.subject = []
 studio.view.background = "dark"
 studio.view.set_camera((0, 1, 0))
 edits = -1

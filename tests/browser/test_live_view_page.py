@@ -251,9 +251,11 @@ def test_pointer_wheel_keys_and_buttons_move_the_camera(page: LivePage) -> None:
     page.wait("models.view.saved.length > 5")
     assert view.camera["pan"][0] < -1
     assert page.page.text_content(".dnb-right") == "R"  # from above with the face up
-    mouse.dblclick(120, 90)
+    mouse.dblclick(120, 90)  # never the camera's
+    keyboard.press("0")
     page.wait("models.view.saved.length > 6")
     assert view.camera["pan"] == [0, 0]
+    assert page.page.evaluate("models.view.saved.length") == 7
     assert page.errors == []
 
 

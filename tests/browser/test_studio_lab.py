@@ -32,6 +32,7 @@ volume = Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60)), nam
 report = Label().add_class("report")
 studio = Studio(volume, side="+y", transfer="surface", height=400)
 studio.editor.density = 0
+studio.editor.subject = []
 studio.view.background = "dark"
 def tell(change=None):
     made, steps = studio.result().values, studio.deformation.steps

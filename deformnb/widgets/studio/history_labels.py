@@ -27,9 +27,9 @@ def edit_label(before: ControlPoints, after: ControlPoints, kind: str = "") -> s
     --------
     >>> points = ControlPoints.from_arrays([[0, 0], [4, 0]], names=["tail", ""])
     >>> edit_label(points, points.move(0, [1, 0])), edit_label(points, points.remove(1))
-    ('move "tail"', 'remove point 1')
+    ('move "tail"', 'remove point 2')
     >>> edit_label(points, points.edit(1, locked=True))
-    'lock point 1'
+    'lock point 2'
     >>> edit_label(points, points.move(0, [0, 3]).move(1, [4, 1]), "turn")
     'turn 2 points'
     >>> edit_label(points, points.add([9, 9], name="move 4"), "brush")
