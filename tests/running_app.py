@@ -237,6 +237,10 @@ def open_connection(name: str, request: bytes, receive_buffer: int | None = None
         made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
     made.settimeout(PATIENCE)
     host, port = name.split(":")
-    made.connect((host, int(port)))
-    made.sendall(request)
+    try:
+        made.connect((host, int(port)))
+        made.sendall(request)
+    except OSError:
+        made.close()
+        raise
     return made

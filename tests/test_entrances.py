@@ -350,6 +350,9 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
     "imaging.movie_frames.deformation_frames(volume)": lambda v, _: list(
         dn.imaging.deformation_frames(v, _h(v), strengths=1, **SMALL)
     ),
+    "imaging.picking.surface_point(volume)": lambda v, _: dn.imaging.surface_point(
+        v, (_like(v).grid.center, [0, 0, 1]), "grey"
+    ),
     "imaging.projection.project(ambience)": lambda v, _: dn.project(as_volume(v), "+z", "shaded", ambience=v),
     "imaging.projection.project(volume)": lambda v, _: dn.project(v, "+z"),
     "imaging.projection.project_channels(channels)": lambda v, _: dn.imaging.project_channels(v, "+z"),
@@ -459,6 +462,7 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     "rbf.fields.blend(grid)": lambda v, _: dn.rbf.blend(_h(v), SHIFT, grid=v).displacement(PLACES),
     "rbf.fields.compose(grid)": lambda v, _: dn.rbf.compose(_h(v), SHIFT, grid=v).displacement(PLACES),
     "session.session.Session(output)": lambda v, _: dn.Session(_reference(), output=v).editing.output,
+    "volume.plane.Plane.from_camera(grid)": lambda v, _: dn.Plane.from_camera(v, (1, 2, 3)),
     "volume.plane.Plane.from_view(grid)": lambda v, _: dn.Plane.from_view(v, "-x"),
     "volume.plane.Plane.depth_range(grid)": lambda v, _: dn.Plane.from_view(TURNED, "-x").depth_range(v),
     "volume.plane.Plane.slices(grid)": lambda v, _: dn.Plane.from_view(TURNED, "-x").slices(v),

@@ -108,8 +108,9 @@ def straighten(step: Step, centre_line: ArrayLike, half_width: float | None = No
 
     Examples
     --------
+    >>> from deformnb.rbf.points import ControlPoints
     >>> from deformnb.volume.plane import Plane
-    >>> step = Step(plane=Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)))
+    >>> step = Step((ControlPoints.empty(2),), Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)))
     >>> angle = np.linspace(0, 1, 20)
     >>> bent = 80 * np.stack([np.sin(angle), 1 - np.cos(angle)], axis=1)
     >>> straight = straighten(step, bent, 8.0)

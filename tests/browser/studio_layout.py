@@ -68,7 +68,7 @@ GROUPS = {
         "Thompson's grids and your own",
     ],
     "Depth": [],
-    "View": ["Colours and opacity", "Picture", "Second volume"],
+    "View": ["Colours and opacity", "Picture", "View plane", "Second volume"],
     "Animate": [],
     "Check": [],
 }

@@ -30,7 +30,9 @@ import numpy as np
 from comm import get_comm_manager
 from ipywidgets import Label
 from deformnb import ControlPoints, Deformation, Grid, Volume
+from deformnb.session.pictures import Pictures
 from deformnb.widgets import LiveView, Studio
+Pictures.subject_box = (-0.5, 59.5, -0.5, 59.5)  # the whole picture is framed
 z, y, x = np.indices((60, 40, 60))
 ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 8 ** 2
 volume = Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60)), name="ball")
@@ -42,9 +44,8 @@ report = Label().add_class("report")
 SHOW = """
 studio = Studio(volume, start, side="+y", transfer="surface", height=600)
 studio.editor.density = 0
-studio.editor.subject = []
 studio.view.background = "dark"
-studio.view.set_camera((0, 1, 0))
+studio.view.set_camera((0, 1, 0), zoom=0.35)
 edits = -1
 def tell(change=None):
     global edits

@@ -25,14 +25,15 @@ import json
 import numpy as np
 from ipywidgets import Label
 from deformnb import Grid, Volume
+from deformnb.session.pictures import Pictures
 from deformnb.widgets import Studio
+Pictures.subject_box = (-0.5, 59.5, -0.5, 59.5)  # the whole picture is framed
 z, y, x = np.indices((60, 40, 60))
 ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 12 ** 2
 volume = Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60)), name="ball")
 report = Label().add_class("report")
 studio = Studio(volume, side="+y", transfer="surface", height=400)
 studio.editor.density = 0
-studio.editor.subject = []
 studio.view.background = "dark"
 def tell(change=None):
     made, steps = studio.result().values, studio.deformation.steps
@@ -61,7 +62,7 @@ class StudioInLab:
         host.open_notebook(self.page, [SETUP, "report"])
         self.page.wait_for_selector(".report", timeout=120_000)
         self.page.wait_for_function(f"{EDITOR}.picture.painter.source && {VIEW}.caster?.isReady", timeout=120_000)
-        self.host.run(self.page, "studio.view.set_camera((0, 1, 0))")
+        self.host.run(self.page, "studio.view.set_camera((0, 1, 0), zoom=0.4)")
         self.page.locator(".dnb-studio").scroll_into_view_if_needed()
 
     def read(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.app_tab import PATIENCE, wait_until
-from browser.hosts import AT_REST, Lab
+from browser.hosts import AT_REST, Lab, box_at_rest
 from running_app import RunningApp
 
 from deformnb.app.application import Application
@@ -135,7 +135,8 @@ def test_the_grid_appears_with_the_first_edit_and_faintly_under_the_pointer(page
     button.click()
     page.reload()
     page.wait_for_function(READY, timeout=PATIENCE)
-    page.mouse.dblclick(x, y)
+    stage = box_at_rest(page.locator(".dnb-studio-panes .dnb-ed-stage"))
+    page.mouse.dblclick(stage["x"] + stage["width"] / 2, stage["y"] + stage["height"] / 2)
     page.wait_for_function(f"() => {grid}.opacity === 1")
     wait_until(lambda: len(head_app.session.editing.points) == 5)
     head_app.application.thread.call(head_app.session.editing.undo).result(30)

@@ -93,6 +93,6 @@ def test_an_editor_alone_follows_the_language_and_leaves_names_alone(page: LiveP
     title = "document.querySelector('[data-command=undo]').title"
     page.wait(f"{title}.startsWith('Rückgängig')")
     label, second = (page.page.locator(".dnb-ed-target").nth(k).get_attribute("aria-label") for k in (0, 1))
-    assert second.startswith("Punkt 1 Ecke, bei 30, 30")
-    assert label.startswith("Punkt 0 Karl, bei 10, 10, nicht gezogen")
+    assert second.startswith("Punkt 2 Ecke, bei 30, 30")
+    assert label.startswith("Punkt 1 Karl, bei 10, 10, nicht gezogen")
     assert page.page.evaluate("document.querySelector('.dnb-editor').parentElement.lang") == "de"

@@ -81,7 +81,7 @@ CASES: dict[str, tuple[Callable[[], Deformation], str]] = {
     ),
     "tissue moved out of the box": (
         lambda: flat_map(ControlPoints.from_arrays([[15, 15]], [[35, 15]]), trend="translation"),
-        "left side",
+        "high x side",
     ),
     "a radius below a voxel": (
         lambda: flat_map(ControlPoints.from_arrays([[15, 15]], [[15.1, 15]]), support=0.4),
@@ -247,7 +247,7 @@ def test_sides_that_were_cropped_by_request_are_not_named() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warp(BODY, shift, output=half)
-    with pytest.warns(DeformWarning, match="left side"):
+    with pytest.warns(DeformWarning, match="high x side"):
         warp(BODY, shift)
 
 

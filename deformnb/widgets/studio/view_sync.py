@@ -85,7 +85,7 @@ class StudioLink:
             else:
                 self._view.follow(None, field, output=session.results.grid)
         show_plane(self._view, session)
-        if self._view.has_trait("picture_editor"):
+        if hasattr(self._view, "picture_editor"):
             self._view.picture_editor = None if session.editing.step.plane is None else editor
         in_space = editor if session.editing.step.plane is None and hasattr(self._view, "edit_points") else None
         if in_space is not self._in_space:

@@ -36,6 +36,7 @@ const AppRemote: Component<Remote> = {
   inject: ["trame"],
   template: '<div ref="root" class="dnb-view dnb-app-over" data-background="dark"></div>',
   mounted() {
+    window.deformnb_start?.close();
     const { root } = this.$refs;
     this.session = this.trame.client.getConnection().getSession();
     this.frames = new Frames(root);

@@ -4,7 +4,7 @@
 import type { PlanarField } from "../webgl/types.ts";
 import type { Field } from "./types.ts";
 
-const SAME_PLACE = 1e-3; // of the distance of two samples of a map: they are numbers of single precision
+const SAME_SAMPLE = 1e-3; // of the distance of two samples of a map: they are numbers of single precision
 
 /** Whether two fields are the same; displacements in space count as different. */
 export function isSameField(one: Field, other: Field) {
@@ -29,7 +29,7 @@ export function isSamePlanar(one: PlanarField, other: PlanarField) {
       cut && [cut.sides, cut.rule, cut.shape],
     ]);
   if (words(one) !== words(other) || one.cut?.distances !== other.cut?.distances) return false;
-  return areNear(one.weights, other.weights, 0) && areNear(one.maps, other.maps, SAME_PLACE * Math.min(...one.spacing));
+  return areNear(one.weights, other.weights, 0) && areNear(one.maps, other.maps, SAME_SAMPLE * Math.min(...one.spacing));
 }
 
 function areNear(one: Float32Array, other: Float32Array, most: number) {

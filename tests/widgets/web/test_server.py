@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from running_app import HANDSHAKE, RunningApp, connect, http_request, open_connection, terminal_command
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_for
 
 from deformnb.app.application import Application, app_server
 from deformnb.datasets.phantoms import PHANTOMS
@@ -72,6 +72,15 @@ def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.Mo
         assert "no page was connected" in running.server.reason
 
 
+def _has_studio(name: str) -> bool:
+    """Whether the server of the studio has taken over from the page of the start, which has no such file."""
+    try:
+        with open_connection(name, http_request(name, "/vue.global.js")) as connection:
+            return connection.recv(16).startswith(b"HTTP/1.1 200")
+    except OSError:
+        return False
+
+
 def _started(command: list[str], folder: Path) -> tuple[subprocess.Popen[str], str]:
     process = subprocess.Popen(
         terminal_command(command), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder
@@ -79,6 +88,7 @@ def _started(command: list[str], folder: Path) -> tuple[subprocess.Popen[str], s
     assert process.stdout is not None
     url = process.stdout.readline().strip()
     assert url.startswith("http://127.0.0.1:"), url
+    wait_for(lambda: _has_studio(url.split("/")[2]))
     return process, url
 
 

@@ -90,7 +90,7 @@ def test_an_edit_that_cannot_be_fitted_is_said_and_taken_back(panel: ThompsonPan
     page_edits(panel, before.add([12.0, 8.0], [12.0, 8.0]).add([14.0, 8.0], [12.0, 8.0]))
     assert panel.session.editing.points == before
     assert panel.editor.points == before
-    assert "control point" in panel.figure.message.value
+    assert "point 5 and point 6 are at the same place" in panel.figure.message.value
 
 
 def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
