@@ -141,6 +141,12 @@ async function writeLicences() {
 }
 
 await Promise.all([
+  build({
+    ...options,
+    format: "esm",
+    entryPoints: ["module_loader.ts"],
+    outfile: join(outdir, "module_loader.js"),
+  }),
   ...Object.entries(WIDGETS).map(([name, paths]) => bundled(name, paths, "esm")),
   ...Object.entries(PAGES).map(([name, paths]) => bundled(name, paths, "iife")),
 ]);

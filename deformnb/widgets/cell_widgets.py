@@ -73,13 +73,18 @@ def close_earlier_of_this_cell(widget: Any) -> None:
     CELL_WIDGETS[cell] = (run, [*shown, weakref.ref(widget)])
 
 
+def running_shell() -> Any:
+    """IPython's shell; None where no cell can run."""
+    ipython = sys.modules.get("IPython")  # loaded where cells run; nothing else needs it
+    return ipython.get_ipython() if ipython is not None else None
+
+
 def _forget_output(widget: Any) -> None:
     """Take a closed widget out of the results of cells that IPython stores, which would hold its volume for good.
 
     Those are ``Out``, ``_12`` and the last three, ``_`` to ``___``, which become empty texts, as they are at first.
     """
-    ipython = sys.modules.get("IPython")
-    shell = ipython.get_ipython() if ipython is not None else None
+    shell = running_shell()
     stored: list[dict[str, Any]] = [getattr(shell, name, {}) for name in ("user_ns", "user_ns_hidden")]
     outputs = stored[0].get("_oh", {})
     for number in [number for number, value in outputs.items() if value is widget]:
@@ -98,8 +103,7 @@ def _forget_output(widget: Any) -> None:
 
 def _cell_and_run() -> tuple[str, str] | None:
     """Ids of the cell that runs and of its run, where the front end sends them."""
-    ipython = sys.modules.get("IPython")  # loaded where cells run; nothing else needs it
-    shell = ipython.get_ipython() if ipython is not None else None
+    shell = running_shell()
     parent: dict[str, Any] = getattr(shell, "get_parent", dict)() if shell is not None else {}
     cell = (parent.get("metadata") or {}).get("cellId")
     run = (parent.get("header") or {}).get("msg_id")

@@ -74,7 +74,7 @@ _SIDES = "%"  # the place of the sides in the warning of the page
 # Displacements are rounded to this share of a voxel, which is invisible and packs far better.
 _EXACTNESS = 1 / 64
 
-_NOT_FOR_THE_PAGE = ("comm", "language", "layout", "tabbable", "tooltip", "words")
+_NOT_FOR_THE_PAGE = ("comm", "language", "layout", "module", "tabbable", "tooltip", "words")
 
 
 def standalone_html(

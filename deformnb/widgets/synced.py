@@ -18,12 +18,14 @@ from contextvars import ContextVar
 from typing import Any, ClassVar
 
 import anywidget
+import ipywidgets as ipw
 import traitlets
 from comm.base_comm import BaseComm
 
 from deformnb.errors import DeformError
 from deformnb.widgets.basic_widgets import layout
 from deformnb.widgets.messages.record import Channel, Message, Refused
+from deformnb.widgets.modules import FrontEndModule, module_traits
 from deformnb.words import language, word_table
 
 __all__ = ["LocalComm", "SyncedWidget", "translated_by_owner"]
@@ -71,6 +73,7 @@ class SyncedWidget(anywidget.AnyWidget):
     ----------
     language : its code, chosen by :func:`deformnb.set_language` before the widget is made.
     words : of that language by the English ones, for the front end; empty for English.
+    module : its front end, of which widgets of one kernel share a model; None outside of a kernel of Jupyter.
     channel : the messages of its front ends; None where they send none.
 
     Examples
@@ -85,6 +88,7 @@ class SyncedWidget(anywidget.AnyWidget):
 
     language = traitlets.Unicode().tag(sync=True)
     words = traitlets.Dict().tag(sync=True)
+    module = traitlets.Instance(FrontEndModule, allow_none=True).tag(sync=True, **ipw.widget_serialization)
 
     _holding_sync: bool  # ipywidgets' own mark, as are the names to send
     _states_to_send: set[str]
@@ -98,7 +102,7 @@ class SyncedWidget(anywidget.AnyWidget):
     def __init__(self, **traits: Any) -> None:
         if _IS_WORDED.get():
             traits.setdefault("layout", layout())
-        super().__init__(**traits)
+        super().__init__(**module_traits(type(self)), **traits)
         if self.channel is not None:
             self.on_msg(lambda widget, content, buffers: widget.receive(content, buffers))
 

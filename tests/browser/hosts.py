@@ -22,6 +22,17 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+SMALL_STUDIO = """
+import numpy as np
+from deformnb import Grid, Volume
+from deformnb.widgets import Studio
+z, y, x = np.indices((40, 24, 40))
+ball = (x - 19.5) ** 2 + (y - 11.5) ** 2 + (z - 19.5) ** 2 < 9 ** 2
+studio = Studio(Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((40, 24, 40)), name="ball"), side="+y", height=260)
+studio
+"""
+"""The cell of a studio that is quickly there."""
+
 _PORT_TAKEN = ("is not available", "in use")  # in the servers' words, who end then
 
 

@@ -1,6 +1,6 @@
 """Memory of a page of JupyterLab: a cell that runs again leaves nothing of the studio that it showed before.
 
-Counted are living objects after forced collection, and no bytes: these are the same on each machine.
+Counted are living objects after forced collection, and scripts, but no bytes: these are the same on each machine.
 """
 
 from __future__ import annotations
@@ -8,19 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from browser.hosts import AT_REST, Lab
+from browser.hosts import AT_REST, SMALL_STUDIO, Lab
 
 pytestmark = pytest.mark.needs_browser
 
-SETUP = """
-import numpy as np
-from deformnb import Grid, Volume
-from deformnb.widgets import Studio
-z, y, x = np.indices((40, 24, 40))
-ball = (x - 19.5) ** 2 + (y - 11.5) ** 2 + (z - 19.5) ** 2 < 9 ** 2
-studio = Studio(Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((40, 24, 40)), name="ball"), side="+y", height=260)
-studio
-"""
 SHOWN = """[...document.querySelectorAll('.dnb-editor, .dnb-view')].map((element) => element.deformnb)"""
 # A studio that is drawn in full, and no other one.
 READY = f"""() => document.querySelectorAll('.dnb-editor').length === 1
@@ -32,6 +23,8 @@ REMEMBER = f"""() => {{
   (window.runs ??= []).push({SHOWN}.map((shown) => new WeakRef(shown)));
 }}"""
 LIVING = "() => runs.map((shown) => shown.filter((reference) => reference.deref()).length)"
+
+LONGEST_LOADER = 2000  # characters of the script that is imported for each widget
 
 COUNTED = {
     "contexts": "WebGL2RenderingContext.prototype",
@@ -46,6 +39,13 @@ class Heap:
 
     def __init__(self, page: Any) -> None:
         self._tools = page.context.new_cdp_session(page)
+        self.modules: list[int] = []  # lengths of the texts that were imported
+        self._tools.on("Debugger.scriptParsed", self._parsed)
+        self._tools.send("Debugger.enable")
+
+    def _parsed(self, script: Any) -> None:
+        if script["url"].startswith("blob:") and script["isModule"]:
+            self.modules.append(script["length"])
 
     def collect(self) -> None:
         for _ in range(3):  # an object with a finalizer goes with the second
@@ -65,18 +65,23 @@ class Heap:
 def test_a_cell_that_runs_again_leaves_no_editor_view_or_context(lab: Lab, browser: Any) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 900})
     heap = Heap(page)
-    lab.open_notebook(page, [SETUP])
+    lab.open_notebook(page, [SMALL_STUDIO])
     counts = []
     for run in range(4):
         if run:
+            heap.modules.clear()
             lab.run_all(page)
         page.wait_for_function(READY, timeout=120_000)
         page.evaluate(REMEMBER)
         lab.run(page, "")  # the closing of the one before has been heard
         heap.collect()
+        if not run:
+            assert max(heap.modules) > 100 * LONGEST_LOADER
         counts.append({name: heap.count(prototype) for name, prototype in COUNTED.items()})
     living = page.evaluate(LIVING)
     assert living[-1] >= 2
     assert living[:-1] == [0, 0, 0]
     assert counts[3] == counts[1]
+    assert len(heap.modules) >= 5  # one for each widget
+    assert max(heap.modules) < LONGEST_LOADER
     page.close()

@@ -7,19 +7,10 @@ import time
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, box_at_rest
+from browser.hosts import SMALL_STUDIO, Lab, box_at_rest
 
 pytestmark = pytest.mark.needs_browser
 
-SETUP = """
-import numpy as np
-from deformnb import Grid, Volume
-from deformnb.widgets import Studio
-z, y, x = np.indices((40, 24, 40))
-ball = (x - 19.5) ** 2 + (y - 11.5) ** 2 + (z - 19.5) ** 2 < 9 ** 2
-studio = Studio(Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((40, 24, 40)), name="ball"), side="+y", height=260)
-studio
-"""
 EDITOR = "document.querySelector('.dnb-editor')?.deformnb?.parts"
 
 
@@ -45,7 +36,7 @@ def test_a_view_that_was_loaded_too_slowly_says_so_when_it_opens(lab: Lab, brows
     # anywidget waits two seconds for the module of a model; here it has no time at all, as on a machine too busy.
     page.add_init_script("""const timeout = AbortSignal.timeout;
         AbortSignal.timeout = (ms) => timeout(ms === 2000 ? 0 : ms);""")
-    lab.open_notebook(page, [SETUP], "slow.ipynb")
+    lab.open_notebook(page, [SMALL_STUDIO], "slow.ipynb")
     page.wait_for_function(
         "document.querySelector('.dnb-ed-hint')?.textContent.endsWith('run the cell again')", timeout=60_000
     )
@@ -55,7 +46,7 @@ def test_a_view_that_was_loaded_too_slowly_says_so_when_it_opens(lab: Lab, brows
 @pytest.mark.nightly
 def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 1000})
-    lab.open_notebook(page, [SETUP])
+    lab.open_notebook(page, [SMALL_STUDIO])
     ready(page)
     bar = page.locator(".dnb-restore")
     assert not bar.is_visible()
@@ -115,7 +106,7 @@ def test_an_unsaved_notebook_can_be_loaded_again_twice(lab: Lab, browser: Any) -
     page.on("dialog", lambda dialog: dialog.accept())  # the browser asks whether to leave what is not saved
     failures: list[str] = []
     page.on("console", lambda message: failures.extend(re.findall("Failed to initialize.*", message.text)))
-    lab.open_notebook(page, [SETUP], "unsaved.ipynb")
+    lab.open_notebook(page, [SMALL_STUDIO], "unsaved.ipynb")
     ready(page)
     for _ in range(2):
         page.reload(timeout=60_000)
