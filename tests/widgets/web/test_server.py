@@ -73,7 +73,7 @@ def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.Mo
 
 
 def _has_studio(name: str) -> bool:
-    """Whether the server of the studio has taken over from the page of the start, which has no such file."""
+    """Check whether the server of the studio has taken over from the page of the start, which has no such file."""
     try:
         with open_connection(name, http_request(name, "/vue.global.js")) as connection:
             return connection.recv(16).startswith(b"HTTP/1.1 200")
