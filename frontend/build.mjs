@@ -19,6 +19,7 @@ const DISCONNECTED = "ui/disconnected.css";
 
 const VIEW = [
   "view/live_view.css",
+  "ui/messages.css",
   "ui/saved_picture.css",
   "ui/compare.css",
   "view/volume_view.css",

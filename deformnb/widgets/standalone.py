@@ -578,7 +578,6 @@ _SKELETON = """<!doctype html>
 <div class="dnb-page-picture"></div>
 <div class="dnb-page-volume">
 {still}
-<p class="dnb-page-note" role="status" hidden></p>
 </div>
 </main>
 <noscript><p class="dnb-page-alert">{needs}</p></noscript>

@@ -7,7 +7,8 @@ import { ClipSliders } from "./inputs/clip_sliders.ts";
 import { clipOf, isClipped } from "./maths/clipping.ts";
 import { PlainModel } from "./sync/host_model.ts";
 import type { KernelTable, Point, Values } from "./types.ts";
-import { buttonElement, OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
+import { buttonElement, OWN_KEYS, pageElement, saveFile, viewOf } from "./ui/dom.ts";
+import type { LiveVolumeView } from "./view/live_view.ts";
 
 /** The content of a message and its buffers */
 export type Packet = [Values, DataView<ArrayBuffer>[]];
@@ -227,9 +228,8 @@ export class StandalonePage {
     for (const end of this.ends) end();
     pagePart("controls").replaceChildren();
     pagePart("picture").replaceChildren();
-    for (const child of [...pagePart("volume").children]) if (!child.matches(".dnb-page-note")) child.remove();
+    pagePart("volume").replaceChildren();
     pagePart("volume").classList.remove("dnb-page-flat");
-    this.warn();
   }
 
   /** Shows the volume as the picture that Python has made, without WebGL2; only the editor's picture follows. */
@@ -248,11 +248,11 @@ export class StandalonePage {
   /** Reports the sides of the box beyond which there is tissue that is not visible. */
   warn(sides: number[] = []) {
     const { cut_off: cutOff } = this.data,
-      note = pagePart("note"),
+      view = viewOf<LiveVolumeView>(pagePart("volume").querySelector(".dnb-view")),
       names = sides.map((side) => cutOff?.sides[side]);
     const listed = names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : `${names[0]}`;
-    note.hidden = names.length === 0;
-    note.textContent = names.length ? `${cutOff?.text.replace("%", listed)}` : "";
+    const text = names.length ? `${cutOff?.text.replace("%", listed)}` : "";
+    view?.elements.messages.set("extent", text, { kind: "warning" });
   }
 
   /**

@@ -144,8 +144,8 @@ def test_a_session_of_the_page_gives_the_same_volume_in_python(
     )
     page.wait_settled()
     page.volume()
-    page.wait("!document.querySelector('.dnb-page-note').hidden")
-    assert "Tissue leaves the box" in page.page.locator(".dnb-page-note").text_content()
+    page.wait("document.querySelector('.dnb-messages-text').textContent")
+    assert "Tissue leaves the box" in page.page.locator(".dnb-messages-text").text_content()
     # Closed by mistake: the same file comes back with its points.
     kept = page.js(f"{MODELS}.editor.get('points')")
     other = page.context.new_page()

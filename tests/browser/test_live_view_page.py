@@ -296,7 +296,7 @@ def test_without_webgl_python_draws_and_says_so(browser: Any) -> None:
     )
     page.add(view)
     page.wait(f"{DRAWN}?.isFull")
-    assert "no WebGL2" in page.page.text_content(".dnb-volume .dnb-notice")
+    assert "no WebGL2" in page.page.text_content(".dnb-view-pane:not([hidden]) .dnb-messages-text")
     assert page.page.locator(".dnb-view:visible").count() == 1
     assert dice(silhouette(drawn(page)), silhouette(view.still(SIZE))) > 0.96
     page.page.focus(".dnb-volume .dnb-button >> text=S")
@@ -355,13 +355,13 @@ def test_a_volume_that_the_card_does_not_hold_is_shown_with_fewer_voxels(browser
     page.page.evaluate(SCARCE, size**3 // 4)
     view = open_view(page, volume)
     assert int(np.prod(view.volume_info["shape"])) == size**3 // 4
-    assert page.page.text_content(".dnb-badge") == (
+    assert page.page.text_content(".dnb-messages-text") == (
         "shown at 1/2 along x, 1/2 along y, as much as the graphics memory holds"
     )
     view.set_camera((0, 1, 0))
     assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.96
     assert page.page.is_hidden(".dnb-progress")
-    assert page.page.is_hidden(".dnb-notice")
+    assert page.page.get_attribute(".dnb-messages", "data-kind") == "info"
     assert page.errors == []
     page.close()
 
@@ -370,7 +370,7 @@ def test_a_card_that_holds_nothing_says_so(browser: Any) -> None:
     page = LivePage(browser)
     page.page.evaluate(SCARCE, 10)
     page.add(LiveView(Volume(np.zeros((40, 40, 40), np.uint8), Grid((40, 40, 40)))))
-    page.wait("document.querySelector('.dnb-notice').textContent.includes('graphics memory does not hold')")
+    page.wait("document.querySelector('.dnb-messages-text').textContent.includes('graphics memory does not hold')")
     page.close()
 
 
@@ -402,11 +402,11 @@ def test_a_lost_context_comes_back_with_the_same_picture(page: LivePage) -> None
     page.page.evaluate("""() => { const { gl } = document.querySelector(".dnb-view").deformnb.caster.gpu;
         window.loss = gl.getExtension("WEBGL_lose_context"); window.loss.loseContext(); }""")
     page.wait(f"{DRAWN}?.drawn")
-    assert "lost graphics context" in page.page.text_content(".dnb-volume .dnb-notice")
+    assert "lost graphics context" in page.page.text_content(".dnb-view-pane:not([hidden]) .dnb-messages-text")
     page.page.evaluate("() => window.loss.restoreContext()")
     page.wait("document.querySelector('.dnb-view').deformnb.caster?.isReady && !document.querySelector('.dnb-volume')")
     assert np.abs(page.pixels().astype(int) - before).mean() < 0.5  # the same but for the rounding of noise
-    assert page.page.is_hidden(".dnb-notice")
+    assert page.page.is_hidden(".dnb-messages-text")
     assert page.page.is_visible(".dnb-canvas")
 
 
@@ -532,7 +532,7 @@ def test_a_narrow_transfer_function_is_seen_without_bands(page: LivePage) -> Non
     fine = page.pixels()
     assert unevenness(fine) < 0.4 * unevenness(banded)
     assert np.abs(fine[70:110, 70:170].astype(int) - banded[70:110, 70:170]).mean() < 8  # the same picture otherwise
-    assert page.page.text_content(".dnb-badge").startswith("finer greys from ")
+    assert page.page.text_content(".dnb-messages-text").startswith("finer greys from ")
     assert page.errors == []
 
 

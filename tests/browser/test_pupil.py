@@ -130,8 +130,8 @@ def check_on_phone(browser: Any, path: Path, count: int) -> None:
         )
         phone.wait_settled()
         phone.volume()
-        phone.wait("!document.querySelector('.dnb-page-note').hidden")
-        assert "Tissue leaves the box" in phone.page.locator(".dnb-page-note").text_content()
+        phone.wait("document.querySelector('.dnb-messages-text').textContent")
+        assert "Tissue leaves the box" in phone.page.locator(".dnb-messages-text").text_content()
         assert phone.errors == []
         assert {url.split(":")[0] for url in phone.requests} <= {"file", "blob", "data"}
     finally:

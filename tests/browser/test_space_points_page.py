@@ -201,8 +201,8 @@ def test_a_double_click_puts_a_point_on_the_front_of_the_body(show_points: Any, 
     np.testing.assert_array_equal(here.editor.points.source[0], target)
     before, camera = here.editor.points, page.page.evaluate(CAMERA)
     here.mouse.dblclick(12, 12)  # beside the body
-    page.wait("!document.querySelector('.dnb-notice').hidden")
-    assert "Nothing is seen there" in page.page.locator(".dnb-notice").inner_text()
+    page.wait("document.querySelector('.dnb-messages-text').textContent")
+    assert "Nothing is seen there" in page.page.locator(".dnb-messages-text").inner_text()
     here.wait_settled()
     assert here.editor.points == before
     assert page.page.evaluate(CAMERA) == camera  # a double click never turns it

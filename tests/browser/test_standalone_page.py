@@ -239,9 +239,9 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(open_page: Callable[
     names = exceeded_sides(reached_places(find_foreground(bar_with_a_ball()), far), FINE)
     assert len(names) == 2
     page.js(f"{MODELS}.warn({SIDES})")
-    assert page.page.locator(".dnb-page-note").text_content() == cut_off_text(names)
+    assert page.page.locator(".dnb-messages-text").text_content() == cut_off_text(names)
     page.js(f"{MODELS}.warn([])")
-    assert page.page.locator(".dnb-page-note").is_hidden()
+    assert page.page.locator(".dnb-messages-text").is_hidden()
 
 
 def test_the_volume_follows_while_the_mouse_is_down(open_page: Callable[..., Opened]) -> None:
@@ -374,7 +374,7 @@ def test_without_webgl_a_still_picture_is_shown_and_the_editor_works(open_page: 
     assert page.page.is_visible(".dnb-page-alert")
     assert "no WebGL2" in page.page.text_content(".dnb-page-alert")
     assert page.page.is_disabled("select[name=shows]")
-    for part in (".dnb-badge", ".dnb-progress", ".dnb-notice"):  # which a still would cover
+    for part in (".dnb-progress", ".dnb-messages"):  # which a still would cover
         assert page.page.is_hidden(part)
     shown = _decoded(
         page.js("""(() => { const image = document.querySelector('.dnb-still'),

@@ -72,7 +72,7 @@ def test_a_lost_and_a_torn_piece_are_asked_for_again(browser: Any) -> None:
     page.wait_loaded()
     assert min(asked.count(0), asked.count(1)) >= 2  # patience is short here: perhaps more
     assert not values_differ(page, view)
-    assert page.page.is_hidden(".dnb-notice")
+    assert page.page.is_hidden(".dnb-messages-text")
     assert page.page.is_hidden(".dnb-progress")
     assert page.errors == []
     page.close()
@@ -118,14 +118,14 @@ def test_where_nothing_comes_the_page_says_so_and_can_be_asked_to_try_again(brow
     page = LivePage(browser, init=HASTE)
     is_open: list[bool] = []
     view = sent(page, lambda content, buffers: buffers if is_open else None)
-    page.wait("document.querySelector('.dnb-again')")
-    assert "Is the kernel running?" in page.page.text_content(".dnb-notice")
+    page.wait("!document.querySelector('.dnb-messages-action').hidden")
+    assert "Is the kernel running?" in page.page.text_content(".dnb-messages-text")
     assert page.page.is_visible(".dnb-progress")
     is_open.append(True)
-    page.page.focus(".dnb-again")
+    page.page.focus(".dnb-messages-action")
     page.page.keyboard.press("Enter")
     page.wait_loaded()
-    assert page.page.is_hidden(".dnb-notice")
+    assert page.page.is_hidden(".dnb-messages-text")
     assert not values_differ(page, view)
     assert page.errors == []
     page.close()

@@ -168,14 +168,14 @@ def test_a_notice_is_shown_and_a_page_that_goes_gives_the_window_back(page: Live
     view = open_view(page)
     view.pictures.show_notice("something is wrong")
     page.flush()
-    assert page.page.text_content(".dnb-notice") == "something is wrong"
+    assert page.page.text_content(".dnb-messages-text") == "something is wrong"
     page.page.evaluate("() => models.view.cleanups.splice(0).forEach((f) => f())")
     page.wait("models.view.sent.at(-1).type === 'bye'")
     page.wait_until(lambda: view.scene.loop is None)
     page.outbox.clear()
     page.draw()
     drawn(page)
-    assert page.page.text_content(".dnb-notice") == "something is wrong"
+    assert page.page.text_content(".dnb-messages-text") == "something is wrong"
     assert page.page.evaluate("document.querySelectorAll('canvas').length") == 1
     assert page.errors == []
 
@@ -196,8 +196,8 @@ def test_a_fold_is_red_and_a_badge_says_what_that_means(page: LivePage) -> None:
     assert painted.sum() > 300
     assert columns.mean() > SIZE[0] / 2 + 5  # ahead of the point, on its way to the right
     assert abs(rows.mean() - SIZE[1] / 2) < 15
-    assert page.page.locator(".dnb-badge").inner_text() == "red: where the map folds"
+    assert page.page.locator(".dnb-messages-text").inner_text() == "red: where the map folds"
     changed(page, lambda: setattr(view, "show_folds", False))
     r, g, _ = np.moveaxis(pixels(page), -1, 0)
     assert not (r > g + 30).any()
-    assert page.page.locator(".dnb-badge").inner_text() == ""
+    assert page.page.locator(".dnb-messages-text").inner_text() == ""

@@ -22,7 +22,7 @@ class PictureSender:
     Attributes
     ----------
     frames : their flow.
-    badge : text in a corner of the pictures; shown_camera : whose camera the scene has, and its number.
+    badge : remark on the pictures: that the map folds; shown_camera : whose camera the scene has, and its number.
     carrier : of pictures that do not go by ``post``; None where all do.
     """
 
@@ -62,7 +62,7 @@ class PictureSender:
         self._post(Notice(text=notice))
 
     def show_badge(self, text: str) -> None:
-        """Send the text in the corner, if it has changed."""
+        """Send a remark on the pictures, if it has changed."""
         if text != self.badge:
             self.badge = text
             self._post(Badge(text=text))

@@ -2,7 +2,7 @@
 
 One thread makes the window and does every call of VTK. The front end gets pictures as JPEG and sends the viewer's
 position; the newest of all changes is drawn, at most two pictures are in flight. The view records of each of its front
-ends its size and whether it is dark. Folds can be painted red, with a badge in the corner of the picture.
+ends its size and whether it is dark. Folds can be painted red, with a message below the picture.
 
 The messages are those of :data:`deformnb.widgets.messages.views.SERVED`.
 """
@@ -176,7 +176,7 @@ class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=
     Attributes
     ----------
     scene : the drawn one, and its thread.
-    pictures : their sender; ``pictures.badge`` is the text in a corner: that the map folds, or empty.
+    pictures : their sender; ``pictures.badge`` is the message that the map folds, or empty.
 
     Notes
     -----

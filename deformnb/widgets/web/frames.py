@@ -237,7 +237,7 @@ class _ViewArea:
                 frame.images,
                 pictures,
                 camera,
-                {"n": message.seq, "full": frame.is_full, "shows": view.shows, "badge": view.pictures.badge},
+                {"n": message.seq, "full": frame.is_full, "shows": view.shows},
             )
 
     def _push(self, jpeg: bytes, about: dict[str, Any]) -> None:

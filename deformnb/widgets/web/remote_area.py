@@ -122,7 +122,7 @@ class Pictures:
         images : one picture or two, of which the second is the original.
         jpegs : the same, packed.
         camera : position of the viewer in them.
-        about : further facts for the page: ``n`` (number of the picture), ``full``, ``shows`` and ``badge``.
+        about : further facts for the page: ``n`` (number of the picture), ``full`` and ``shows``.
         """
         with self._lock:
             self._layers = [

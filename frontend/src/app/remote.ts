@@ -2,7 +2,6 @@
 // acknowledgement of each picture that was received, and sends no more than that.
 
 import { Camera } from "../maths/camera.ts";
-import { pageElement, setText } from "../ui/dom.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
 import { captionsOf, Frames, type Shows, type ViewName } from "../ui/view_parts.ts";
 import type { ViewDirection } from "../view/types.ts";
@@ -14,7 +13,7 @@ const REMOTE_TOPIC = "trame.rca.topic.stream";
 /** A message of trame's */
 export interface RemotePicture {
   name: string;
-  meta?: { n: number; camera: ViewDirection; shows: Shows; layer: number; badge?: string };
+  meta?: { n: number; camera: ViewDirection; shows: Shows; layer: number };
 }
 
 export interface Remote {
@@ -26,7 +25,6 @@ export interface Remote {
   subscription: object;
   frames: Frames;
   cube: OrientationCube;
-  badge: HTMLElement;
   receive: (picture: RemotePicture) => void;
   look: (view: ViewName) => void;
 }
@@ -45,7 +43,6 @@ const AppRemote: Component<Remote> = {
       (side) => this.look(side),
       () => this.look("home"),
     );
-    this.badge = pageElement("div", "dnb-badge", root, { role: "status" });
     this.subscription = this.session.subscribe<RemotePicture>(REMOTE_TOPIC, ([picture]) => this.receive(picture));
   },
   methods: {
@@ -56,7 +53,6 @@ const AppRemote: Component<Remote> = {
       this.frames.show(captionsOf(meta.shows, meta.layer));
       this.frames.write(camera);
       this.cube.draw(this.views, camera);
-      setText(this.badge, meta.badge || "");
       Object.assign(this.$refs.root, { deformnb: meta }); // for tests and for debugging
       callPython(this.session, "deformnb.seen", [this.area, meta.n, APP_PAGE]);
     },

@@ -11,6 +11,7 @@ import { SavedPictureMenu } from "../ui/saved_picture.ts";
 import { Widget, widgetOf } from "../ui/widget.ts";
 import { showInLanguage } from "../ui/words.ts";
 import { nameControls } from "./accessible_names.ts";
+import { PanesFoot } from "./foot.ts";
 import { SidePanel } from "./side_panel.ts";
 
 const ICONS = {
@@ -27,8 +28,6 @@ const MENUS = [
   ["export", "Export"],
 ] as const;
 const PANES = ["picture", "volume"] as const;
-const FACTS = 28; // CSS pixels of the line over a message of the picture, and of the space around it
-const MOST_FOOT = 0.4; // of the panes' height, beyond which messages are scrolled
 const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two are side by side
 
 /** The head of one view of a studio. */
@@ -43,6 +42,7 @@ class StudioHead extends Widget {
   full: HTMLButtonElement;
   help: HTMLButtonElement;
   side: SidePanel | null = null;
+  foot: PanesFoot | null = null;
   arrivals: MutationObserver;
   frame = 0; // of the next arrangement
   sizes: ResizeObserver;
@@ -155,7 +155,8 @@ class StudioHead extends Widget {
     for (const name of PANES) this.#addAlone(panes, name);
     const editor = this.#editor,
       raster = editor?.model.get("raster");
-    this.#fitFoot(panes);
+    this.foot ??= new PanesFoot(panes, this.sizes);
+    this.foot.arrange();
     if (!editor) return;
     if (!raster?.shape) {
       panes.classList.add("dnb-panes-stacked");
@@ -170,20 +171,6 @@ class StudioHead extends Widget {
     const beside = Math.min(w / 2 / width, h / height),
       above = Math.min(w / width, h / 2 / height);
     panes.classList.toggle("dnb-panes-stacked", above > beside && width / height > NEARLY_SQUARE);
-  }
-
-  /** Give the foot of the panes the height of what it shows: a long message, or examples. */
-  #fitFoot(panes: HTMLElement) {
-    const shown = [...panes.querySelectorAll<HTMLElement>(":scope > :is(.dnb-studio-start, .dnb-studio-messages)")];
-    for (const box of shown) this.sizes.observe(box);
-    const heights = shown.map((box) => [...box.children].reduce((sum, part) => sum + part.scrollHeight, 0));
-    const alert = panes.querySelector<HTMLElement>(".dnb-pane-picture .dnb-ed-status > .dnb-ed-alert");
-    if (alert) {
-      this.sizes.observe(alert);
-      heights.push(alert.hidden ? 0 : alert.offsetHeight + FACTS);
-    }
-    const most = Math.min(Math.max(0, ...heights), MOST_FOOT * panes.clientHeight);
-    panes.style.setProperty("--dnb-foot-side", `${Math.ceil(most)}px`);
   }
 
   /** A button in the title of a pane that gives it the place of both; a double click on the title does so too. */
@@ -247,6 +234,7 @@ class StudioHead extends Widget {
     super.close();
     this.arrivals.disconnect();
     this.side?.close();
+    this.foot?.close();
     this.sizes.disconnect();
     cancelAnimationFrame(this.frame);
   }

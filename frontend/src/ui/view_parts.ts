@@ -122,7 +122,7 @@ const CAPTIONS: Record<"deformed" | "original" | "side_by_side", string[]> = {
 };
 const COARSE = "cuts of the first steps are shown roughly"; // where more than one step before the last has some
 
-/** Remarks on the picture for the user. */
+/** Remarks on the picture for the user: their sources, kinds and texts. */
 export function remarksOn({
   info,
   field,
@@ -134,13 +134,12 @@ export function remarksOn({
   caster?: { folds: boolean } | null;
   isScarce?: boolean;
 }) {
+  const note = info?.note ?? "";
   return [
-    info?.note && isScarce ? `${info.note}, as much as the graphics memory holds` : info?.note,
-    field?.coarse && COARSE,
-    caster?.folds && "red: where the map folds",
-  ]
-    .filter(Boolean)
-    .join("; ");
+    ["folds", "warning", caster?.folds ? "red: where the map folds" : ""],
+    ["cuts", "info", field?.coarse ? COARSE : ""],
+    ["resolution", "info", note && isScarce ? `${note}, as much as the graphics memory holds` : note],
+  ] as const;
 }
 
 /** The caption of each picture; layer: the one that is seen of a picture that flickers. */

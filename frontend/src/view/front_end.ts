@@ -71,7 +71,8 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
 
   fail(error: unknown) {
     console.error(error);
-    this.elements.showMessage(`${this.title} has failed: ${(error instanceof Error && error.message) || error}`);
+    const reason = (error instanceof Error && error.message) || error;
+    this.elements.messages.set("failure", `${this.title} has failed: ${reason}`, { kind: "error" });
   }
 
   /** Show the trait "shows"; two alternating or compared only where that is drawn here. */

@@ -5,7 +5,6 @@
 import type { FieldMaps, LiveViewToFrontEnd, ScreenshotRequest } from "../generated.ts";
 import { clipOf, isClipped } from "../maths/clipping.ts";
 import type { Model, Vector2 } from "../types.ts";
-import { setText } from "../ui/dom.ts";
 import type { SavedPicture } from "../ui/saved_picture.ts";
 import { closerOf, picturesOf, remarksOn, renderStats } from "../ui/view_parts.ts";
 import { RayCaster } from "../webgl/raycaster.ts";
@@ -79,7 +78,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     return this.shownField?.shown;
   }
 
-  // -- canvas, captions, notice --------------------------------------------------------------------------------------
+  // -- canvas, captions, messages ------------------------------------------------------------------------------------
 
   size() {
     const { width, height } = this.elements.fit(),
@@ -142,7 +141,8 @@ export class LiveVolumeView extends VolumeFrontEnd {
 
   mark() {
     const { caster, field, info, voxels } = this;
-    setText(this.elements.badge, remarksOn({ caster, field, info, isScarce: voxels.isScarce }));
+    const remarks = remarksOn({ caster, field, info, isScarce: voxels.isScarce });
+    for (const [source, kind, text] of remarks) this.elements.messages.set(source, text, { kind });
   }
 
   // -- the camera ----------------------------------------------------------------------------------------------------
@@ -190,7 +190,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
 
   /** Switch to Python's pictures, as there is no WebGL. */
   fall(text: string) {
-    this.elements.showMessage(text);
+    this.elements.messages.set("renderer", text);
     this.still ??= new StillPicture(this, text);
     this.elements.flicker.set(false); // a still of it is the deformed volume
     this.elements.compare.set(""); // and of these it has the line in the middle, or half of each
@@ -211,7 +211,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     if (this.closed) return;
     this.still?.close();
     this.still = null;
-    this.elements.showMessage("");
+    this.elements.messages.set("renderer", "");
     this.#prepare();
     if (!this.caster) return;
     this.setShows();

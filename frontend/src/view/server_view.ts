@@ -140,11 +140,11 @@ export class ServerVolumeView extends VolumeFrontEnd {
 
   receive(content: VolumeViewToFrontEnd, buffers: Bytes[]) {
     if (content.type === "notice") {
-      this.elements.showMessage(String(content.text));
+      this.elements.messages.set("notice", String(content.text), { kind: "error" });
       if (!this.drawn) this.wait("");
     }
     if (content.type === "trame") this.frame(content);
-    if (content.type === "badge") this.elements.badge.textContent = String(content.text);
+    if (content.type === "badge") this.elements.messages.set("folds", String(content.text), { kind: "warning" });
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
   }
 
@@ -294,9 +294,9 @@ export class StillPicture {
       widget_manager: model.widget_manager,
       send: (content) => model.send({ type: "drawn", view: view.messages.id, say: content } satisfies ToServerRenderer),
     };
-    view.elements.root.hidden = true;
+    view.elements.pane.hidden = true;
     this.pictures = new ServerVolumeView(part, view.elements.host);
-    this.pictures.elements.showMessage(this.why);
+    this.pictures.elements.messages.set("renderer", this.why);
     closerOf(this.pictures);
     this.#runCallback();
   }
@@ -315,7 +315,7 @@ export class StillPicture {
 
   close() {
     this.pictures?.close();
-    this.view.elements.root.hidden = false;
+    this.view.elements.pane.hidden = false;
     URL.revokeObjectURL(this.image.src);
     this.image.remove();
   }

@@ -31,7 +31,6 @@ export class SpacePoints {
   #frame = 0; // the request of the next one, or 0
   #liveRegion: HTMLDivElement;
   #closing = new AbortController();
-  #remark = 0; // the timer of a remark, or 0
 
   constructor(readonly view: VolumeViewLike) {
     const { root } = view.elements;
@@ -99,7 +98,6 @@ export class SpacePoints {
   }
 
   close() {
-    clearTimeout(this.#remark);
     this.drag.settle();
     this.points.leave();
     cancelAnimationFrame(this.#frame);
@@ -202,15 +200,11 @@ export class SpacePoints {
     this.#liveRegion.textContent = text;
   }
 
-  /** A sentence over the view, for some seconds. */
+  /** A sentence under the view, for some seconds. */
   #hint(text: string) {
     const { elements } = this.view;
     this.#say(text);
-    elements.showMessage(text);
-    clearTimeout(this.#remark);
-    this.#remark = window.setTimeout(() => {
-      if (elements.notice.textContent === text) elements.showMessage("");
-    }, REMARK);
+    elements.messages.set("points", text, { duration: REMARK });
   }
 
   remove(hit: Hit | null) {

@@ -1,9 +1,10 @@
-// The parts of a view of a volume for any renderer: elements around the picture, and its messages.
+// The parts of a view of a volume for any renderer: elements around the picture, and its traits and messages to Python.
 
 import type { LiveViewToPython, VolumeViewToPython } from "../generated.ts";
 import type { Handlers, Model, ModelHandler, Without } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
+import { Messages } from "../ui/messages.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
 import { type SavedPicture, SavedPictureMenu } from "../ui/saved_picture.ts";
 import { Theme } from "../ui/theme.ts";
@@ -38,8 +39,9 @@ export interface ElementActions {
   picture: (wanted: SavedPicture) => Promise<Blob | null>;
 }
 
-/** The canvas and the elements around it: captions, directions, scale, cube, a remark and a notice. */
+/** The canvas, the elements over it (captions, directions, scale, cube), and below it a row of messages. */
 export class ViewElements {
+  pane: HTMLDivElement; // of the root and the row
   root: HTMLDivElement;
   canvas: HTMLCanvasElement;
   frames: Frames;
@@ -47,8 +49,7 @@ export class ViewElements {
   frame = 0; // the request of the next one, or 0
   box: { width: number; height: number };
   cube: OrientationCube;
-  badge: HTMLDivElement;
-  notice: HTMLDivElement;
+  messages: Messages;
   theme: Theme;
   flicker: Flicker;
   compare: CompareControls;
@@ -61,7 +62,10 @@ export class ViewElements {
     kind: string,
     actions: ElementActions,
   ) {
-    this.root = pageElement("div", `dnb-view ${kind}`, host);
+    host.classList.add("dnb-view-host");
+    this.pane = pageElement("div", "dnb-view-pane", host);
+    this.root = pageElement("div", `dnb-view ${kind}`, this.pane);
+    this.messages = new Messages(this.pane);
     this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
     // Of the picture in CSS pixels, as last laid out: measuring again lays out the page in every frame of a drag.
@@ -75,14 +79,12 @@ export class ViewElements {
       this.root,
       () => String(this.model.get("label") || "volume"),
       actions.picture,
-      (message) => this.showMessage(message),
+      (message) => this.messages.set("picture", message, { kind: "error" }),
     );
     this.cube.addButton("dnb-full", FULL_SCREEN, "Whole screen", () => {
       if (document.fullscreenElement) document.exitFullscreen();
-      else this.root.requestFullscreen();
+      else this.pane.requestFullscreen();
     });
-    this.badge = pageElement("div", "dnb-badge", this.root);
-    this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
     this.theme = new Theme(this.root, actions.rethemed);
     this.flicker = new Flicker(this.root, actions.flip);
     this.compare = new CompareControls(this.root, actions.handleComparison);
@@ -105,11 +107,6 @@ export class ViewElements {
     const { ratio, ...box } = stageSize(this.root, this.host, this.model);
     this.box = box;
     return { width: Math.round(box.width * ratio), height: Math.round(box.height * ratio) };
-  }
-
-  showMessage(text: string) {
-    this.notice.textContent = text || "";
-    this.notice.hidden = !text;
   }
 
   /** Caption the pictures; layer: the visible one of two alternating ones. */
@@ -146,7 +143,8 @@ export class ViewElements {
     this.observer.disconnect();
     this.theme.close();
     this.flicker.close();
-    this.root.remove();
+    this.messages.close();
+    this.pane.remove();
   }
 }
 

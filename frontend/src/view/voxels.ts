@@ -2,7 +2,7 @@
 
 import type { Chunk } from "../generated.ts";
 import type { Vector3 } from "../types.ts";
-import { buttonElement, pageElement } from "../ui/dom.ts";
+import { pageElement } from "../ui/dom.ts";
 import type { RayCaster } from "../webgl/raycaster.ts";
 import type { VolumeData } from "../webgl/types.ts";
 import { MemoryError, NOT_HELD } from "../webgl/voxel_textures.ts";
@@ -64,11 +64,13 @@ export class LiveVoxels {
 
   #setStuck(isStuck: boolean) {
     const { elements } = this.view;
-    elements.showMessage(isStuck ? "The volume does not come. Is the kernel running?" : "");
-    if (!isStuck) return;
-    buttonElement("dnb-again", elements.notice, "Try again", () => {
+    const again = () => {
       if (!this.view.field) this.view.hello();
       this.loader?.again();
+    };
+    elements.messages.set("voxels", isStuck ? "The volume does not come. Is the kernel running?" : "", {
+      kind: "error",
+      action: ["Try again", again],
     });
   }
 
