@@ -104,7 +104,7 @@ def studio_page(browser: Any, app: RunningApp) -> Iterator[Any]:
 def test_a_studio_shows_one_message_of_all_beside_the_object(studio_page: Any, app: RunningApp, width: int) -> None:
     page = studio_page
     page.set_viewport_size({"width": width, "height": 800})
-    start, row = page.locator(".dnb-studio-start"), page.locator(".dnb-pane-volume .dnb-messages")
+    start, row = page.locator(".dnb-studio-start > *").first, page.locator(".dnb-pane-volume .dnb-messages")
     say = app.application.thread.call
     set_message(page, "a", "a fact")
     row.wait_for(state="hidden")

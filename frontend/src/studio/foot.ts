@@ -3,6 +3,10 @@
 const FACTS = 28; // CSS pixels of the line over a message of the picture, and of the space around it
 const MOST = 0.4; // of the panes' height, beyond which messages are scrolled
 
+/** Below the picture: an alert or the advice, and hints, which pass. */
+const ADVICE = ".dnb-pane-picture .dnb-ed-status > :is(.dnb-ed-alert, .dnb-ed-notes)",
+  HINTS = ".dnb-pane-picture .dnb-ed-status > .dnb-ed-hint";
+
 /** Examples to begin with; messages of the studio, and questions with their answers; the rows of views of the volume. */
 const PARTS =
   ":scope > .dnb-studio-start, .dnb-studio-messages :is(.dnb-row, .dnb-message), .dnb-pane-volume .dnb-messages[data-kind]";
@@ -25,12 +29,22 @@ const CHANGES = { subtree: true, childList: true, attributeFilter: ["data-kind",
 
 export class PanesFoot {
   readonly #changes = new MutationObserver(() => this.arrange());
+  readonly #closing = new AbortController();
+  #hints = { width: 0, height: 0 }; // the highest, as long as the panes have this width: when one ends, nothing jumps
+  #height = 0; // of what is below the picture
 
-  /** @param sizes observes what gives the foot its height */
+  /**
+   * @param sizes observes what gives the foot its height
+   * @param schedule calls arrange later
+   */
   constructor(
     private readonly panes: HTMLElement,
     private readonly sizes: ResizeObserver,
-  ) {}
+    schedule: () => void,
+  ) {
+    const { signal } = this.#closing;
+    for (const name of ["pointerup", "pointercancel"]) window.addEventListener(name, schedule, { signal });
+  }
 
   /** Show the parts of one rank on the right, and give the foot the height of what it shows: a long message, or examples. */
   arrange() {
@@ -43,6 +57,7 @@ export class PanesFoot {
     const parts = find(PARTS).filter((part) => !part.parentElement?.closest(".dnb-studio-messages .dnb-row")),
       rankOf = (part: HTMLElement) => RANKS.findIndex((selector) => part.matches(selector));
     for (const part of parts) part.removeAttribute("data-behind");
+    for (const part of ["side", "status"] as const) this.#setHeight(part, 0); // or a part would be as high as the foot was
     const heights = new Map(parts.map((part) => [part, part.scrollHeight])),
       heightOf = (part: HTMLElement | undefined) => (part && heights.get(part)) ?? 0;
     const ranked = parts.filter(heightOf).sort((a, b) => rankOf(a) - rankOf(b)),
@@ -50,17 +65,35 @@ export class PanesFoot {
       shown = isView ? ranked.slice(0, 1) : ranked.filter((part) => rankOf(part) === rankOf(ranked[0]!));
     for (const part of parts) part.toggleAttribute("data-behind", !shown.includes(part));
     const start = parts.find((part) => part.matches(".dnb-studio-start")),
-      alert = find(".dnb-pane-picture .dnb-ed-status > .dnb-ed-alert")[0];
-    if (alert) this.sizes.observe(alert);
-    const most = Math.max(
-      shown.reduce((sum, part) => sum + heightOf(part), 0),
-      heightOf(start), // also behind a message: the panes do not jump
-      alert && !alert.hidden ? alert.offsetHeight + FACTS : 0,
-    );
-    panes.style.setProperty("--dnb-foot-side", `${Math.ceil(Math.min(most, MOST * panes.clientHeight))}px`);
+      total = shown.reduce((sum, part) => sum + heightOf(part), 0);
+    this.#setHeight("side", Math.max(total, heightOf(start))); // also behind a message: the panes do not jump
+    this.#setHeight("status", this.#statusHeight(find));
+  }
+
+  /** The height of what is below the picture; while something is dragged the picture keeps its own. */
+  #statusHeight(find: (selector: string) => HTMLElement[]) {
+    const { clientWidth: width } = this.panes;
+    const highest = (selector: string) =>
+      find(selector).reduce((most, part) => {
+        this.sizes.observe(part);
+        return Math.max(most, part.offsetHeight);
+      }, 0);
+    const [advice, hint] = [highest(ADVICE), highest(HINTS)];
+    if (!this.panes.matches(":active")) {
+      const before = width === this.#hints.width ? this.#hints.height : 0;
+      this.#hints = { width, height: Math.max(hint, before) };
+      this.#height = FACTS + Math.max(advice, this.#hints.height);
+    }
+    return this.#height;
+  }
+
+  #setHeight(part: "side" | "status", height: number) {
+    const most = Math.min(height, MOST * this.panes.clientHeight);
+    this.panes.style.setProperty(`--dnb-foot-${part}`, `${Math.ceil(most)}px`);
   }
 
   close() {
     this.#changes.disconnect();
+    this.#closing.abort();
   }
 }

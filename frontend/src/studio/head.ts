@@ -81,10 +81,7 @@ class StudioHead extends Widget {
     const { signal } = this.closing;
     this.arrivals = new MutationObserver(() => this.#waitUntilLoaded());
     // In the next frame: what is arranged changes the sizes that are observed.
-    this.sizes = new ResizeObserver(() => {
-      cancelAnimationFrame(this.frame);
-      this.frame = requestAnimationFrame(() => this.arrange());
-    });
+    this.sizes = new ResizeObserver(() => this.#schedule());
     this.sizes.observe(el);
     this.draw();
     requestAnimationFrame(() => {
@@ -148,6 +145,11 @@ class StudioHead extends Widget {
     this.side = new SidePanel(body, panel);
   }
 
+  #schedule() {
+    cancelAnimationFrame(this.frame);
+    this.frame = requestAnimationFrame(() => this.arrange());
+  }
+
   /** Picture and volume side by side or one above the other, whichever shows the object larger. */
   arrange() {
     const panes = this.studio?.querySelector(".dnb-studio-panes");
@@ -155,7 +157,7 @@ class StudioHead extends Widget {
     for (const name of PANES) this.#addAlone(panes, name);
     const editor = this.#editor,
       raster = editor?.model.get("raster");
-    this.foot ??= new PanesFoot(panes, this.sizes);
+    this.foot ??= new PanesFoot(panes, this.sizes, () => this.#schedule());
     this.foot.arrange();
     if (!editor) return;
     if (!raster?.shape) {
