@@ -72,7 +72,7 @@ def test_what_folds_is_outlined_where_the_determinant_is_zero() -> None:
     main = """(points) => { const layered = layeredFit(points, { support: "box_diagonal" });
         const raster = { shape: [46, 51], spacing: [10, 10], origin: [0, 0] };
         const dets = detsOnRaster(layered, raster), probes = probesOf(layered);
-        return [Array.from(dets), foldPieces(layered, raster, dets, probes, 1e7)]; }"""
+        return [Array.from(dets), foldPieces(detMapOf(layered), raster, dets, probes, 1e7)]; }"""
     dets, pieces = run_script(MAPS, main, as_json(points))
     a, b = np.meshgrid(np.arange(51) * 10.0, np.arange(46) * 10.0)
     oracle = np.linalg.det(np.eye(2) + fit.jacobian(np.stack([a, b], axis=-1)))

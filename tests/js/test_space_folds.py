@@ -12,7 +12,7 @@ from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.editor.space_editor import SpaceEditor
-from deformnb.widgets.editor.space_slices import tissue_mask
+from deformnb.widgets.editor.space_slices import Pane, tissue_mask
 
 SETTINGS = {"support": 30.0, "trend": "affine", "smoothing": 0, "strength": 1, "stages": 1}
 
@@ -20,6 +20,19 @@ SETTINGS = {"support": 30.0, "trend": "affine", "smoothing": 0, "strength": 1, "
 def some_points(rng: np.random.Generator, pull: float) -> ControlPoints:
     source = rng.uniform(0, 40, (12, 3))
     return ControlPoints.from_arrays(source, source + rng.normal(0, pull, source.shape))
+
+
+def as_json(points: ControlPoints) -> list[dict[str, Any]]:
+    return [
+        {"id": k, "source": s.tolist(), "target": t.tolist(), "active": True, "weight": 1}
+        for k, (s, t) in enumerate(zip(points.source, points.target, strict=True))
+    ]
+
+
+def area(polygon: list[float]) -> float:
+    """By the shoelace formula."""
+    x, y = np.reshape(polygon, (-1, 2)).T
+    return float(abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2)
 
 
 @pytest.mark.parametrize(
@@ -34,14 +47,69 @@ def test_determinants_are_those_of_python(kernel: str, trend: str) -> None:
       const fit = rbfFit(points, settings, 3);
       return places.map((place) => detInSpace(fit, place));
     }"""
-    given = [
-        {"id": k, "source": s.tolist(), "target": t.tolist(), "active": True, "weight": 1}
-        for k, (s, t) in enumerate(zip(points.source, points.target, strict=True))
-    ]
-    data = {"points": given, "places": places.tolist(), "settings": settings}
+    data = {"points": as_json(points), "places": places.tolist(), "settings": settings}
     found = run_script(("maths/space_folds.ts", "maths/rbf.ts"), main, data)
     expected = np.linalg.det(np.eye(3) + np.asarray(field.jacobian(places)))
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
+
+
+def slice_of(points: ControlPoints, settings: dict[str, Any], depth: float, main: str) -> Any:
+    """Result of an expression of a ``SliceMap`` of points, on a raster of a coronal slice of a turned volume."""
+    grid = Grid((20, 30, 40), (1.5, 1.2, 1.0), (-5.0, 45.0, -3.0), ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    pane = Pane.of(grid, "+y")
+    a0, a1, b0, b1, *_ = pane.box
+    raster = {"shape": [61, 81], "origin": [a0, b0], "spacing": [(a1 - a0) / 80, (b1 - b0) / 60]}
+    script = f"""({{ points, settings, pane, depth, raster }}) => {{
+      const slice = new SliceMap(rbfFit(points, settings, 3), pane, depth);
+      return {main};
+    }}"""
+    data = {"points": as_json(points), "settings": settings, "pane": pane.info(), "depth": depth, "raster": raster}
+    found = run_script(("maths/space_slice.ts", "maths/rbf.ts"), script, data)
+
+    def place(ab: Any) -> Any:
+        return pane.plane.from_plane(np.column_stack([np.reshape(ab, (-1, 2)), np.full(np.size(ab) // 2, depth)]))
+
+    return found, place, pane
+
+
+def test_the_outline_of_a_fold_on_a_slice_is_where_the_determinant_is_zero() -> None:
+    points = some_points(np.random.default_rng(3), 9.0)
+    settings = {**SETTINGS, "kernel": "wendland_c2"}
+    pieces, place, pane = slice_of(points, settings, 6.3, "slice.folds(raster, 1e7)")
+    field = FitSettings(kernel="wendland_c2", support=30.0, trend="affine").fit(points)
+
+    def det(ab: Any) -> Any:
+        return np.linalg.det(np.eye(3) + np.asarray(field.jacobian(place(ab))))
+
+    ends = np.reshape(pieces["edge"], (-1, 2))
+    a0, a1, b0, b1, *_ = pane.box
+    inside = (np.abs(ends - [a0, b0]).min(axis=1) > 1e-6) & (np.abs(ends - [a1, b1]).min(axis=1) > 1e-6)
+    assert inside.sum() > 40
+    assert np.abs(det(ends[inside])).max() < 0.02  # linear in a quarter of a cell
+    a, b = np.meshgrid(np.linspace(a0, a1, 401), np.linspace(b0, b1, 401))
+    folded = (det(np.stack([a, b], axis=-1)) <= 0).mean() * (a1 - a0) * (b1 - b0)
+    assert sum(area(piece) for piece in pieces["fill"]) == pytest.approx(folded, rel=0.03)
+    calm, *_ = slice_of(points.scaled(0.02), settings, 6.3, "slice.folds(raster, 1e7)")
+    assert calm is None
+
+
+def test_the_grid_on_a_slice_is_the_tissue_that_was_on_its_planes() -> None:
+    points = some_points(np.random.default_rng(3), 2.0)
+    settings = {**SETTINGS, "kernel": "wendland_c2"}
+    lines, place, pane = slice_of(points, settings, 6.3, "slice.gridLines(raster, 10)")
+    field = FitSettings(kernel="wendland_c2", support=30.0, trend="affine").fit(points)
+    a0, a1, b0, b1, c0, c1 = pane.box
+    size = max(a1 - a0, b1 - b0, c1 - c0) / 10
+    levels = [np.linspace(low, high, round((high - low) / size) + 1) for low, high in ((a0, a1), (b0, b1))]
+    assert len(lines) == sum(map(len, levels))
+    assert [line["isEdge"] for line in lines] == [k in (0, len(some) - 1) for some in levels for k in range(len(some))]
+    for line, (axis, level) in zip(lines, [(k, x) for k in (0, 1) for x in levels[k]], strict=True):
+        if not line["runs"]:
+            assert line["isEdge"]  # all of that face has moved off the slice
+            continue
+        at = place(line["runs"])
+        was = pane.plane.to_plane(at + np.asarray(field.displacement(at)))
+        assert np.abs(was[:, axis] - level).max() < 0.02
 
 
 def test_the_mask_holds_all_tissue_and_little_else() -> None:

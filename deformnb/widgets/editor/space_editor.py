@@ -165,6 +165,8 @@ class SpaceEditor(EditedPoints):
     that axis, None its middle. ``snap`` is the step of a lattice to which targets snap, 0 for none.
     ``stop_at_folds``, which is on at first, stops drags and arrow keys before they fold tissue; ``tissue`` is the mask
     of that, as documents hold it, {} where every fold counts, None where a map of more than the points is not checked.
+    ``overlay`` is "folds", which paints red on the slices where the map of the points folds, or "none"; ``show_grid``
+    draws a grid that bends with them, ``density`` cells along the longest side of the volume.
     One that is ``read_only`` and has no points is a viewer of three linked slices: ``SpaceEditor(volume, before=field,
     read_only=True)`` shows the deformed volume.
 
@@ -189,6 +191,9 @@ class SpaceEditor(EditedPoints):
     shows_original = traitlets.Bool(False).tag(sync=True)
     stop_at_folds = traitlets.Bool(True).tag(sync=True)
     tissue: Any = traitlets.Dict({}, allow_none=True).tag(sync=True)
+    overlay = traitlets.Enum(["none", "folds"], "folds").tag(sync=True)
+    density = traitlets.Int(16, min=0, max=64).tag(sync=True)
+    show_grid = traitlets.Bool(True).tag(sync=True)
     large_slice = traitlets.Int(-1, min=-1, max=2, help="the slice that is larger than the others").tag(sync=True)
     window = traitlets.List(traitlets.Float(), help="values shown as black and white, set manually").tag(sync=True)
     panes: Any = traitlets.List().tag(sync=True)

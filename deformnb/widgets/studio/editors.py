@@ -199,10 +199,10 @@ class StudioEditors:
                 before=session.pictures.before(),
                 theme="dark",
                 fill=True,
-                stop_at_folds=self.plane.stop_at_folds,
+                **{name: getattr(self.plane, name) for name in _SHARED},
             )
         for editor in (self.plane, made):
-            editor.observe(weakly(self, StudioEditors._share_stop), "stop_at_folds")
+            editor.observe(weakly(self, StudioEditors._share), _SHARED)
         made.chooses_support = False
         made.large_slice = made.largest_slice
         show_view_state(made, session)
@@ -210,9 +210,9 @@ class StudioEditors:
         self._listen(made)
         return made
 
-    def _share_stop(self, change: Any) -> None:
-        """Switch the stop at folds of both editors as one."""
-        self.set_traits(stop_at_folds=change["new"])
+    def _share(self, change: Any) -> None:
+        """Set a trait of both editors as one."""
+        self.set_traits(**{change["name"]: change["new"]})
 
     def make_picture(self) -> Picture | AbstractField | None:
         """Make the picture behind the points of this step's editor: takes time, and changes nothing yet."""
@@ -261,6 +261,7 @@ class StudioEditors:
 
 _MAKING = "The picture is being made"
 _FAILED = "The picture could not be made; the reason is below"
+_SHARED = ["stop_at_folds", "show_grid", "density"]  # traits of both editors
 _STOPPED = ("move", "brush", "nudge", "turn", "scale")  # kinds of edits in space that stop before tissue folds
 _STANDS = 1e-6  # of a direction's length: less is a rounding error of the front end
 

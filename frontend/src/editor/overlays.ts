@@ -1,6 +1,6 @@
 // Overlays of the editor's picture: folds, changes of area, principal strains, uncertainty, and another picture.
 
-import { contourOf, detsOnRaster, foldPieces } from "../maths/folds.ts";
+import { contourOf, detMapOf, detsOnRaster, foldPieces } from "../maths/folds.ts";
 import { isStill } from "../maths/rigid_stages.ts";
 import { LONGEST_ARM, plainNumber, strainGain, strainsAt } from "../maths/warp_map.ts";
 import { setTrait } from "../sync/edits.ts";
@@ -8,13 +8,13 @@ import type { LayeredFit, Raster, Vector2, Vector4 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.ts";
 import { EDITOR_KEYS, tipOf } from "../ui/keys.ts";
 import type { Folds } from "./edited_map.ts";
+import { drawFolds, type FoldPieces, hatchPattern } from "./fold_drawing.ts";
 import type { GridPlaces } from "./grid_nodes.ts";
 import type { View } from "./painter.ts";
 import { bytesOf, context2d, drawGrid } from "./painter.ts";
 import type { EditorParts } from "./parts.ts";
 export type StrainArm = { from: Vector2; to: Vector2; grows: boolean };
 export type UncertaintyLegend = [level: number, text: string][];
-export type FoldPieces = ReturnType<typeof foldPieces>;
 
 // ---- crosses of the principal strains at the nodes of the grid: solid where stretched, dashed where pressed ---------
 
@@ -166,7 +166,7 @@ export class Ghost {
 // ---- maps of the deformation ----------------------------------------------------------------------------------------
 
 /** Of each overlay the label in the menu and the title. */
-const OVERLAYS: Record<string, string[]> = {
+export const OVERLAYS: Record<string, string[]> = {
   none: ["Plain", "nothing over the picture"],
   folds: ["Folds", "red where the map folds over itself"],
   area: ["Area", "green where tissue grows, purple where it shrinks"],
@@ -174,8 +174,6 @@ const OVERLAYS: Record<string, string[]> = {
   uncertainty: ["Uncertainty", "grey where the map is extrapolated far from the control points"],
 };
 export const OVERLAY_TRAITS = ["overlay", "uncertainty", "uncertainty_facts", "marked"];
-const FOLD_COLOURS = { fill: "rgba(211, 47, 47, 0.45)", edge: "#d32f2f" };
-const AIR_COLOURS = { fill: "rgba(150, 153, 160, 0.25)", edge: "#969aa0" }; // of folds in air alone
 const AREA_COLOURS = { shrinks: [118, 42, 131], same: [255, 255, 255], grows: [27, 120, 55] };
 const AREA_ALPHA = 0.62;
 const AREA_OCTAVES = 1; // half and twice the area have the full colours
@@ -356,34 +354,10 @@ export class Overlay {
     if (kind === "strain") this.#drawStrain(layered);
     const { probes } = folds;
     if (folds.least > 0 && !probes.some(([, , det]) => det <= 0) && dets.every((det) => !(det <= 0.3))) return;
-    this.pieces = foldPieces(known, raster, dets, probes, work);
-    this.#drawFolds(this.pieces, folds.least > 0 && folds.air > 0);
-  }
-
-  #drawFolds({ fill, edge }: FoldPieces, isInAir: boolean) {
-    if (!fill.length) return;
-    const { context: c } = this,
-      { k, x, y, ratio } = this.editor.viewport.view,
-      red = new Path2D(),
-      rim = new Path2D();
-    for (const polygon of fill) {
-      red.moveTo(k * polygon[0]! + x, k * polygon[1]! + y);
-      // Not closed: a fill does that, and Chromium measures the path at each closePath, for seconds in a large fold.
-      for (let n = 2; n < polygon.length; n += 2) red.lineTo(k * polygon[n]! + x, k * polygon[n + 1]! + y);
-    }
-    for (const [a, b, p, q] of edge) {
-      rim.moveTo(k * a + x, k * b + y);
-      rim.lineTo(k * p + x, k * q + y);
-    }
-    c.setTransform(ratio, 0, 0, ratio, 0, 0);
-    const colours = isInAir ? AIR_COLOURS : FOLD_COLOURS;
-    c.fillStyle = colours.fill;
-    c.fill(red);
-    c.fillStyle = isInAir ? "transparent" : this.hatch;
-    c.fill(red);
-    c.strokeStyle = colours.edge;
-    c.lineWidth = 1.2;
-    c.stroke(rim);
+    this.pieces = foldPieces(detMapOf(known), raster, dets, probes, work);
+    if (!this.pieces.fill.length) return;
+    const isInAir = folds.least > 0 && folds.air > 0;
+    drawFolds(this.context, this.editor.viewport.view, this.pieces, isInAir, this.hatch);
     this.isUsed = true;
   }
 
@@ -587,25 +561,4 @@ export class Overlay {
     }
     return { bar, row };
   }
-}
-
-/** Diagonal lines, light with a dark rim: a fold is seen without its colour too. */
-function hatchPattern(context: CanvasRenderingContext2D) {
-  const tile = document.createElement("canvas"),
-    size = 11;
-  Object.assign(tile, { width: size, height: size });
-  const c = context2d(tile);
-  for (const [strokeStyle, lineWidth] of [
-    ["rgba(80, 0, 0, 0.7)", 2.2],
-    ["rgba(255, 225, 225, 0.85)", 0.9],
-  ]) {
-    Object.assign(c, { strokeStyle, lineWidth });
-    c.beginPath();
-    for (const at of [-size, 0, size]) {
-      c.moveTo(at - 1, size + 1);
-      c.lineTo(at + size + 1, -1);
-    }
-    c.stroke();
-  }
-  return context.createPattern(tile, "repeat") ?? "transparent";
 }

@@ -330,18 +330,23 @@ function clippedCell(
 /** A gap neither folds nor bounds a fold. */
 const notFolded = (det: number) => (Number.isNaN(det) ? 1 : det);
 
+/** det J at places of a plane, and the evaluations of a kernel that one costs. */
+export interface DetMap {
+  count: number;
+  detAt: (a: number, b: number) => number;
+}
+
+/** det J of the visible fit. */
+export function detMapOf(layered: LayeredFit): DetMap {
+  return { count: layered.count, detAt: (a, b) => detAt(layered, a, b) };
+}
+
 /**
  * The folds on a lattice of det J: polygons that fill them, and segments of their outlines. Cells in which a fold may
  * begin or end, or with a probe that folds, are refined as far as the number of evaluations allows.
  * @param most evaluations of a kernel
  */
-export function foldPieces(
-  layered: LayeredFit,
-  raster: Raster,
-  dets: ArrayLike<number>,
-  probes: Probe[],
-  most: number,
-) {
+export function foldPieces(map: DetMap, raster: Raster, dets: ArrayLike<number>, probes: Probe[], most: number) {
   const {
       shape: [rows, columns],
       spacing: [da, db],
@@ -376,9 +381,9 @@ export function foldPieces(
     }
   }
   let parts = FOLD_FINE;
-  while (parts > 1 && near.length * (parts + 1) ** 2 * Math.max(1, layered.count) > most) parts -= 1;
+  while (parts > 1 && near.length * (parts + 1) ** 2 * Math.max(1, map.count) > most) parts -= 1;
   const runs = new Runs(fill, [a0, b0], [da / parts, db / parts]);
-  for (const [i, j] of near) finePieces(layered, raster, i, j, parts, { fill, edge, runs });
+  for (const [i, j] of near) finePieces(map, raster, i, j, parts, { fill, edge, runs });
   runs.end();
   return { fill, edge };
 }
@@ -424,7 +429,7 @@ export class Runs {
  * @param parts of the side of the cell
  */
 function finePieces(
-  layered: LayeredFit,
+  map: DetMap,
   { spacing: [da, db], origin: [a0, b0] }: Raster,
   i: number,
   j: number,
@@ -438,7 +443,7 @@ function finePieces(
   let least = Infinity;
   for (let v = 0; v < side; v++) {
     for (let u = 0; u < side; u++) {
-      const det = notFolded(detAt(layered, a0 + (j + u / parts) * da, b0 + (i + v / parts) * db));
+      const det = notFolded(map.detAt(a0 + (j + u / parts) * da, b0 + (i + v / parts) * db));
       values[v * side + u] = det;
       least = Math.min(least, det);
     }

@@ -59,13 +59,16 @@ export function detInSpace(fit: RbfFit, place: Vector3) {
 }
 
 /** The place of the volume as it was that is seen at a place. */
-function sourceAt(fit: RbfFit, place: Vector3): Vector3 {
+export function sourceAt(fit: RbfFit, place: Vector3): Vector3 {
   const [x, y, z] = rbfOnLattice(fit, { shape: [1, 1, 1], spacing: [1, 1, 1], origin: place });
   return added(place, [x!, y!, z!]);
 }
 
 /** Places around the centres of a fit, along the axes and along their displacement, as many as a number of evaluations allows. */
-function* placesNear({ centers, coefficients, count, origin, support }: SpaceFit, most: number): Generator<Vector3> {
+export function* placesNear(
+  { centers, coefficients, count, origin, support }: SpaceFit,
+  most: number,
+): Generator<Vector3> {
   const placeOf = (k: number) => perAxis((i) => centers[3 * k + i]!),
     step = Math.max(1, Math.ceil((count * count * RINGS.length * (DIRECTIONS.length + 2)) / most));
   for (let k = 0; k < count; k += step) {

@@ -1,6 +1,7 @@
 // The commands of the toolbar and of keys in the editor in space.
 
 import type { EditorCommands } from "../editor/base.ts";
+import { OVERLAYS } from "../editor/overlays.ts";
 import { freeIds, renamePoint, resetPoints, togglePoints } from "../maths/points.ts";
 import { flatPoint } from "../maths/space.ts";
 import { setTrait } from "../sync/edits.ts";
@@ -9,7 +10,7 @@ import type { SpaceParts } from "./parts.ts";
 
 /** Dependencies of the commands on the editor. */
 export type SpaceCommandEditor = SpaceParts<
-  "model" | "row" | "points" | "edits" | "tools" | "modes" | "cursor" | "requests" | "toolbar" | "names"
+  "model" | "messages" | "row" | "points" | "edits" | "tools" | "modes" | "cursor" | "requests" | "toolbar" | "names"
 >;
 
 /** Let the user name a point. */
@@ -51,6 +52,12 @@ const COMMANDS: Record<string, Command> = {
   lock: ({ tools }, ids) => tools.toggleLock(ids),
   go: ({ cursor }, ids) => {
     if (ids.length === 1) cursor.goTo(ids[0]!);
+  },
+  grid: ({ model }) => setTrait(model, "show_grid", !model.get("show_grid")),
+  overlay: ({ model, messages }) => {
+    const kind = model.get("overlay") === "none" ? "folds" : "none";
+    setTrait(model, "overlay", kind);
+    messages.hint(OVERLAYS[kind]!.join(": "));
   },
   compare: ({ model, requests }) => requests.look({ original: !model.get("shows_original") }),
   window: ({ requests }) => requests.look({ window: [] }),

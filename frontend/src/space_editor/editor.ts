@@ -4,13 +4,14 @@
 import { EditorDrawing, initialize } from "../editor/base.ts";
 import { EditedPoints } from "../editor/edited_points.ts";
 import { NamePrompt } from "../editor/name_prompt.ts";
+import { OVERLAYS } from "../editor/overlays.ts";
 import { offerTools } from "../editor/view_tools.ts";
 import type { Pictures, SlicesMoved, SpaceEditorToFrontEnd } from "../generated.ts";
 import { busOf } from "../sync/bus.ts";
 import { type Change, setTrait } from "../sync/edits.ts";
 import type { Model, ModelHandler, PointsDetail } from "../types.ts";
 import { beforeActionOutside, OWN_KEYS, pageElement } from "../ui/dom.ts";
-import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
+import { HelpPanel, SPACE_EDITOR_KEYS, tipOf } from "../ui/keys.ts";
 import type { ToolEntry } from "../ui/toolbar.ts";
 import { Toolbar } from "../ui/toolbar.ts";
 import { SpaceCommands } from "./commands.ts";
@@ -25,6 +26,7 @@ import type { SpaceParts } from "./parts.ts";
 import { SpacePointTools } from "./point_tools.ts";
 import { PaneGestures } from "./pointer.ts";
 import { PictureRequests } from "./requests.ts";
+import { SpaceMap } from "./space_map.ts";
 import { SpaceStatus } from "./status_line.ts";
 import { spaceViewTools } from "./view_tools.ts";
 
@@ -34,6 +36,8 @@ const SPACE_PROJECTIONS: Record<string, string> = {
   composite: "Composite",
   shaded: "Shaded",
 };
+
+const SPACE_OVERLAYS = ["none", "folds"]; // of those on a picture
 
 const SPACE_GROUPS: ToolEntry[][] = [
   [
@@ -52,6 +56,7 @@ const SPACE_GROUPS: ToolEntry[][] = [
   [["stop", "Safe drag", "Stop drags before tissue folds", true]],
   [
     ["go", "Go to", "Move the slices to the selected point", false, "one"],
+    ["grid", "Grid", "Show the deformed grid", true],
     ["compare", "Before", "Show the volume as it was", true],
   ],
   [
@@ -94,6 +99,7 @@ export class SpaceEditorView extends EditorDrawing {
   parts: SpaceParts;
   stage: PaneRow;
   chooser: HTMLSelectElement;
+  overlays: HTMLSelectElement;
 
   #ends: (() => void)[] = []; // of listening
 
@@ -108,10 +114,12 @@ export class SpaceEditorView extends EditorDrawing {
     this.commands = parts.commands = new SpaceCommands(parts);
     parts.toolbar = new Toolbar(this.host, root, SPACE_GROUPS, SPACE_EDITOR_KEYS, SPACE_MORE);
     this.chooser = this.#makeChooser(parts.toolbar.root);
+    this.overlays = this.#makeOverlays(parts.toolbar);
     this.stage = parts.row = new PaneRow(el, root, (index) => {
       setTrait(model, "large_slice", model.get("large_slice") === index ? -1 : index);
     });
     parts.points = new EditedPoints(parts);
+    parts.map = new SpaceMap(parts);
     parts.foldStop = new SpaceFoldStop(parts);
     parts.edits = new SpaceEdits(parts);
     parts.requests = new PictureRequests(model, parts.edits.id, () => frames.guard(() => this.showWaiting()));
@@ -159,6 +167,19 @@ export class SpaceEditorView extends EditorDrawing {
     return chooser;
   }
 
+  #makeOverlays({ buttons }: Toolbar) {
+    const { frames, model } = this,
+      group = buttons.get("compare")?.button.parentElement ?? null,
+      label = tipOf(SPACE_EDITOR_KEYS, "overlay", "Overlay");
+    const menu = pageElement("select", "dnb-ed-menu", group, { "aria-label": label, title: label, ...OWN_KEYS });
+    for (const value of SPACE_OVERLAYS) {
+      const [words, title] = OVERLAYS[value]!;
+      pageElement("option", "", menu, { value, title: title! }, words!);
+    }
+    menu.addEventListener("change", () => frames.guard(() => setTrait(model, "overlay", menu.value)));
+    return menu;
+  }
+
   #followModel() {
     const { frames, messages, model, sender } = this,
       { cursor, edits, points } = this.parts,
@@ -186,6 +207,11 @@ export class SpaceEditorView extends EditorDrawing {
       "mirror",
       "snap",
       "stop_at_folds",
+      "settings",
+      "tissue",
+      "overlay",
+      "show_grid",
+      "density",
     ]) {
       on(`change:${name}`, () => frames.invalidate());
     }
@@ -267,6 +293,7 @@ export class SpaceEditorView extends EditorDrawing {
     const { edits, row, status } = this.parts;
     if (row.panes.map((pane) => pane.draw()).some(Boolean)) row.focus(); // no shortcut: all are drawn
     status.update();
+    this.frames.restSoon(() => {});
     if (!edits.isViewer) this.#updateToolbar();
   }
 
@@ -275,12 +302,14 @@ export class SpaceEditorView extends EditorDrawing {
       { help, modes, points, toolbar, tools } = this.parts,
       { list, selected } = points;
     this.chooser.value = model.get("projection");
+    this.overlays.value = model.get("overlay");
     const pressed = Object.entries({
       add: modes.isAdding,
       select: modes.isSelecting,
       mirror: tools.mirror.on,
       snap: tools.lattice.step > 0,
       stop: model.get("stop_at_folds"),
+      grid: model.get("show_grid"),
       compare: model.get("shows_original"),
       help: help.isOpen,
       lock: selected.size > 0 && list.every((p) => p.locked || !selected.has(p.id)),

@@ -68,7 +68,8 @@ export class SpaceEdits {
     const { frames, model, points } = this.editor;
     points.list = list;
     publishPoints(busOf(model), { origin: this.id, points: list, settings: settingsOf(model), fit: null, phase });
-    frames.invalidate();
+    if (phase === "move") frames.markMoving();
+    else frames.invalidate();
   }
 
   /** Take the points of this window, wherever they came from. */
@@ -94,7 +95,7 @@ export class SpaceEdits {
     if (origin === this.id || this.drag0) return;
     if (phase === "move") {
       points.list = list as SpacePoint[];
-      frames.invalidate();
+      frames.markMoving();
     } else this.receive();
   }
 }

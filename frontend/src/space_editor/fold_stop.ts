@@ -2,14 +2,9 @@
 // than the points (cuts, rigid parts, stages, a fit forward) are checked by Python alone.
 
 import { NEARLY_FOLDED } from "../generated.ts";
-import { RbfError, rbfFit } from "../maths/rbf.ts";
 import { SafeShare } from "../maths/safe_share.ts";
-import { type IsTissueAt, leastDetInSpace, tissueOfMask } from "../maths/space_folds.ts";
-import { settingsOf } from "../sync/bus.ts";
-import type { SpaceMask, SpacePoint } from "../types.ts";
+import type { SpacePoint } from "../types.ts";
 import type { SpaceParts } from "./parts.ts";
-
-const WORK = 6e4; // evaluations of a kernel for the lattice of one check
 
 export class SpaceFoldStop {
   note = ""; // the reason why a drag was stopped
@@ -17,16 +12,12 @@ export class SpaceFoldStop {
   #least0: number | null = null;
   #start: SpacePoint[] = [];
   #share = new SafeShare();
-  #mask: { data: SpaceMask; isTissue: IsTissueAt } | null = null;
 
-  constructor(readonly editor: SpaceParts<"model" | "points" | "cursor">) {}
+  constructor(readonly editor: SpaceParts<"model" | "points" | "map">) {}
 
   get isOn() {
-    const { model } = this.editor,
-      { stages, direction } = settingsOf(model);
-    return (
-      Boolean(model.get("stop_at_folds")) && model.get("tissue") !== null && !(stages! > 1) && direction !== "forward"
-    );
+    const { map, model } = this.editor;
+    return Boolean(model.get("stop_at_folds")) && map.isKnown;
   }
 
   /** A drag or a key begins. */
@@ -37,27 +28,10 @@ export class SpaceFoldStop {
     this.#share.reset();
   }
 
-  get #isTissue(): IsTissueAt {
-    const data: Partial<SpaceMask> = this.editor.model.get("tissue") ?? {};
-    if (!data.bits) return () => true;
-    if (this.#mask?.data !== data) this.#mask = { data: data as SpaceMask, isTissue: tissueOfMask(data as SpaceMask) };
-    return this.#mask.isTissue;
-  }
-
-  /** The smallest det J of points; minus infinity where they cannot be fitted. */
-  #leastOf(points: SpacePoint[]) {
-    const { cursor, model } = this.editor;
-    try {
-      return leastDetInSpace(rbfFit(points, settingsOf(model), 3), cursor.panes[0]!, this.#isTissue, WORK);
-    } catch (error) {
-      if (!(error instanceof RbfError)) throw error;
-      return -Infinity;
-    }
-  }
-
   #isRefused(points: SpacePoint[]) {
-    this.#least0 ??= this.#leastOf(this.#start);
-    return this.#leastOf(points) < Math.min(NEARLY_FOLDED, this.#least0) - 1e-9;
+    const { map } = this.editor;
+    this.#least0 ??= map.leastOf(this.#start);
+    return map.leastOf(points) < Math.min(NEARLY_FOLDED, this.#least0) - 1e-9;
   }
 
   /** Points as far as the map stays free of folds, while the stop is on: from `make(0)` to `make(1)`. */

@@ -9,6 +9,7 @@ import type { FlatPoint, PaneInfo, SpacePoint, Vector2, Vector3 } from "../types
 import { buttonElement, OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import { ScaleBar } from "../ui/view_parts.ts";
 import { PaneImage } from "./pane_image.ts";
+import { PaneMap } from "./pane_map.ts";
 import { LINES, type Line, PaneMarks } from "./pane_marks.ts";
 import type { SpaceParts } from "./parts.ts";
 
@@ -17,7 +18,7 @@ const PANE_MARGIN = 8; // CSS pixels around the picture
 
 /** Dependencies of a picture on the editor. */
 export type PaneEditor = SpaceParts<
-  "model" | "frames" | "theme" | "row" | "points" | "edits" | "tools" | "modes" | "cursor" | "status"
+  "model" | "frames" | "theme" | "row" | "points" | "edits" | "map" | "tools" | "modes" | "cursor" | "status"
 >;
 
 export class SpacePane {
@@ -25,6 +26,7 @@ export class SpacePane {
   head: { title: HTMLButtonElement; place: HTMLSpanElement };
   stage: HTMLDivElement;
   image: PaneImage;
+  map: PaneMap;
   svg: SVGSVGElement;
   overlay: PaneMarks;
   handles: Handles<FlatPoint>;
@@ -54,6 +56,7 @@ export class SpacePane {
       ...OWN_KEYS,
     });
     this.image = new PaneImage(this.stage);
+    this.map = new PaneMap(editor, this.stage);
     this.svg = svgElement("svg", { class: "dnb-ed-svg" }, this.stage);
     this.overlay = new PaneMarks(this.svg);
     this.handles = new Handles(this.svg, (id) => editor.points.numberOf(id), { label: spaceLabel, tip: spaceTip });
@@ -110,7 +113,7 @@ export class SpacePane {
   layout(width: number, height: number) {
     const ratio = Math.min(2, Math.max(1, window.devicePixelRatio || 1));
     this.stage.style.height = `${height}px`;
-    this.image.resize(Math.round(width * ratio), Math.round(height * ratio));
+    for (const layer of [this.image, this.map]) layer.resize(Math.round(width * ratio), Math.round(height * ratio));
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.viewport.resize(width, height, ratio);
   }
@@ -194,6 +197,7 @@ export class SpacePane {
       { view } = this.viewport,
       { worst } = status;
     this.image.paint(view, theme.colours.stage);
+    this.map.draw(view, this.info);
     this.scale.write({ height: view.height / view.k, bend: 0 }, this.editor.cursor.unit, view);
     this.describe();
     this.overlay.drawCross(

@@ -17,6 +17,7 @@ import type { SpaceModes } from "./modes.ts";
 import type { PaneRow } from "./pane_row.ts";
 import type { SpacePointTools } from "./point_tools.ts";
 import type { PictureRequests } from "./requests.ts";
+import type { SpaceMap } from "./space_map.ts";
 import type { SpaceStatus } from "./status_line.ts";
 
 interface Parts {
@@ -29,6 +30,8 @@ interface Parts {
   row: PaneRow;
   points: EditedPoints<Vector3>;
   edits: SpaceEdits;
+  /** The map of the points, as far as it is known here. */
+  map: SpaceMap;
   tools: SpacePointTools;
   modes: SpaceModes;
   foldStop: SpaceFoldStop;

@@ -178,6 +178,8 @@ export const SPACE_EDITOR_KEYS: KeyTable = [
       ["Ctrl + wheel, +, -", "zoom", { command: "zoom", keys: ["+", "=", "-"] }],
       ["Space, middle drag", "move the view", { keys: [" "] }],
       ["0", "whole pictures", { command: "fit", keys: ["0"] }],
+      ["N", "grid", { command: "grid", keys: ["n"] }],
+      ["V", "folds", { command: "overlay", keys: ["v"] }],
       ["C", "before", { command: "compare", keys: ["c"] }],
       ...HISTORY_KEYS,
       HELP_KEY,

@@ -1,0 +1,149 @@
+// The map of points in space on one slice: det J, where that folds, and the lines of the grid that bends with the
+// tissue. Coordinates are those of the slice's picture.
+
+import type { PaneInfo, Raster, RbfFit, Vector2 } from "../types.ts";
+import { type DetMap, foldPieces, type Probe } from "./folds.ts";
+import { rbfOnLattice } from "./rbf.ts";
+import { fitInFrame, fromPane, type SpaceFit } from "./space.ts";
+import { detInSpace, type IsTissueAt, placesNear, sourceAt } from "./space_folds.ts";
+
+const NEARLY = 0.3; // det J on the nodes of a lattice above which nothing folds between them
+
+/** A line of the grid: its pieces as lists of coordinates, and whether it is a face of the volume. */
+export interface SliceLine {
+  runs: number[][];
+  isEdge: boolean;
+}
+
+/** The fit of points in space in the frame of a picture, at a depth. */
+export class SliceMap implements DetMap {
+  readonly count: number;
+  readonly #fit: RbfFit;
+
+  constructor(
+    fit: RbfFit,
+    readonly pane: PaneInfo,
+    readonly depth: number,
+  ) {
+    this.#fit = fitInFrame(fit, [pane.u, pane.v, pane.n], pane.origin);
+    this.count = fit.count;
+  }
+
+  detAt(a: number, b: number) {
+    return detInSpace(this.#fit, [a, b, this.depth]);
+  }
+
+  #detsOnRaster({ shape: [rows, columns], spacing: [da, db], origin: [a0, b0] }: Raster) {
+    const dets = new Float64Array(rows * columns);
+    for (let n = 0; n < dets.length; n++)
+      dets[n] = this.detAt(a0 + (n % columns) * da, b0 + Math.floor(n / columns) * db);
+    return dets;
+  }
+
+  /** Probes around the points, where a lattice might miss a small fold. */
+  #probes(most: number): Probe[] {
+    return Array.from(placesNear(this.#fit as SpaceFit, most), ([a, b]) => [a, b, this.detAt(a, b)]);
+  }
+
+  /**
+   * The folds on a lattice of the slice, as of foldPieces; null where nothing folds.
+   * @param most evaluations of a kernel
+   */
+  folds(raster: Raster, most: number) {
+    const dets = this.#detsOnRaster(raster),
+      probes = this.#probes(most / 4);
+    if (!probes.some(([, , det]) => det <= 0) && dets.every((det) => det > NEARLY)) return null;
+    const pieces = foldPieces(this, raster, dets, probes, most);
+    return pieces.fill.length ? pieces : null;
+  }
+
+  /** Whether tissue is in one of these polygons, at a corner or in the middle. */
+  hasTissue(polygons: number[][], isTissue: IsTissueAt) {
+    const isAt = (a: number, b: number) => {
+      const [x, y, z] = sourceAt(this.#fit, [a, b, this.depth]);
+      return isTissue(fromPane(this.pane, [x, y, z]));
+    };
+    return polygons.some((polygon) => {
+      const corners = polygon.length / 2;
+      let [a, b] = [0, 0];
+      for (let k = 0; k < polygon.length; k += 2) {
+        if (isAt(polygon[k]!, polygon[k + 1]!)) return true;
+        a += polygon[k]! / corners;
+        b += polygon[k + 1]! / corners;
+      }
+      return isAt(a, b);
+    });
+  }
+
+  /**
+   * The lines of a grid of the volume as it was where they cross the slice: those along u and v of the picture.
+   * @param raster of the slice, between whose nodes displacements are linear
+   * @param cells of the grid along the longest side of the volume
+   */
+  gridLines(raster: Raster, cells: number): SliceLine[] {
+    const {
+        shape: [rows, columns],
+        spacing: [da, db],
+        origin: [a0, b0],
+      } = raster,
+      [left, right, top, bottom, front, back] = this.pane.box,
+      size = Math.max(right - left, bottom - top, back - front) / cells,
+      moves = rbfOnLattice(this.#fit, {
+        shape: [columns, rows, 1],
+        spacing: [da, db, 1],
+        origin: [a0, b0, this.depth],
+      });
+    const along = (k: number) =>
+      Float64Array.from({ length: rows * columns }, (_, n) =>
+        k ? b0 + Math.floor(n / columns) * db + moves[3 * n + 1]! : a0 + (n % columns) * da + moves[3 * n]!,
+      );
+    return [...levelLines(along(0), raster, [left, right], size), ...levelLines(along(1), raster, [top, bottom], size)];
+  }
+}
+
+/** The lines on which values on a raster are those of equidistant levels from end to end. */
+function levelLines(values: Float64Array, raster: Raster, [first, last]: Vector2, size: number): SliceLine[] {
+  const {
+      shape: [rows, columns],
+      spacing: [da, db],
+      origin: [a0, b0],
+    } = raster,
+    count = Math.max(1, Math.round((last - first) / size)),
+    step = (last - first) / count,
+    lines = Array.from({ length: count + 1 }, (_, k) => ({ runs: [] as number[][], isEdge: k === 0 || k === count }));
+  for (let i = 0; i + 1 < rows; i++) {
+    for (let j = 0; j + 1 < columns; j++) {
+      const n = i * columns + j,
+        corners = [values[n]!, values[n + 1]!, values[n + columns + 1]!, values[n + columns]!] as const,
+        from = Math.max(0, Math.ceil((Math.min(...corners) - first) / step)),
+        to = Math.min(count, Math.floor((Math.max(...corners) - first) / step));
+      for (let k = from; k <= to; k++) {
+        const places = crossings(corners, first + k * step).map((at, m) =>
+          m % 2 ? b0 + (i + at) * db : a0 + (j + at) * da,
+        );
+        for (let m = 0; m + 3 < places.length; m += 4) lines[k]!.runs.push(places.slice(m, m + 4));
+      }
+    }
+  }
+  return lines;
+}
+
+const SIDES = [
+  [0, 0, 1, 0],
+  [1, 0, 0, 1],
+  [1, 1, -1, 0],
+  [0, 1, 0, -1],
+] as const; // of a cell: a corner, and the way to the next
+
+/** The places on the sides of a cell, as shares of it, where values at its corners cross a level. */
+function crossings(corners: readonly [number, number, number, number], level: number) {
+  const found: number[] = [];
+  SIDES.forEach(([x, y, dx, dy], k) => {
+    const p = corners[k]!,
+      q = corners[(k + 1) % 4]!;
+    if (p <= level === q <= level) return;
+    const share = (level - p) / (q - p);
+    found.push(x + share * dx, y + share * dy);
+  });
+  return found;
+}
