@@ -47,7 +47,7 @@ def get_status(studio: Studio) -> str:
     return str(studio.parts.words.status.value)
 
 
-def drag(studio: Studio, points: Any, kind: str = "move", editor: Any = None) -> None:
+def drag(studio: Studio, points: Any, kind: str = "move", editor: Any = None, **more: Any) -> None:
     """Send the end of a drag as the front end of an editor."""
     post(
         studio,
@@ -58,6 +58,7 @@ def drag(studio: Studio, points: Any, kind: str = "move", editor: Any = None) ->
             "joins": False,
             "next_id": points.next_id,
             "points": points_to_json(points),
+            **more,
         },
         editor,
     )

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from browser.app_tab import wait_until
 from browser.live_page import LivePage
+from browser.test_hand import assert_same_places
 from browser.test_space_editor_page import PAGE, Opened, waves
 from numpy.typing import NDArray
 
@@ -344,6 +345,50 @@ def test_keys_stop_before_tissue_folds(open_editor: Any, caged: ControlPoints) -
     press(space, "Shift+ArrowLeft")  # back is free
     assert space.editor.points.target[8][0] == pytest.approx(caged.target[8][0] + moved[0] - 10, abs=1e-6)
     assert "Stopped" not in space.page.page.locator(".dnb-ed-notes").inner_text()
+
+
+def offers(space: Opened) -> dict[str, str]:
+    """The buttons of the bar that says where a drag was stopped, and their words."""
+    offered = f"{PAGE}.parts.foldOffers"
+    space.page.wait(f"!{offered}.isTrying && !document.querySelector('.dnb-ed-fold-bar').hidden")
+    found = space.page.page.locator(".dnb-ed-fold-bar [data-offer]")
+    return {found.nth(k).get_attribute("data-offer"): found.nth(k).inner_text() for k in range(found.count())}
+
+
+def test_each_way_that_is_offered_goes_on_to_the_pointer_as_one_step(open_editor: Any, caged: ControlPoints) -> None:
+    space = open_editor(caged, support=25.0)
+    space.editor.tissue = {}  # everywhere
+    space.wait_settled()
+    way = np.array([22.0, 6.0])
+    by = tuple(way * space.scale(AXIAL))
+    space.drag(AXIAL, caged.target[8], by)
+    stopped = space.editor.points
+    share = float(np.linalg.norm((stopped.target - caged.target)[8]) / np.linalg.norm(way))
+    found = offers(space)
+    words = space.page.page.locator(".dnb-ed-fold-bar").inner_text()
+    assert f"Stopped before tissue folds, at {100 * share:.0f} % of the drag" in words
+    assert set(found) == {"support", "stages", "points"}
+    for name, text in found.items():
+        space.page.page.locator(f"[data-offer={name}]").click()
+        space.wait_settled()
+        after, settings = space.editor.points, space.editor.settings
+        far = float((after.target[8] - caged.target[8])[:2] @ way / (way @ way))
+        assert far == pytest.approx(float(text.split(":")[1].strip(" %")) / 100 if ":" in text else 1.0, abs=0.01)
+        assert far > share + 0.04
+        step = space.editor.step()
+        assert (step.support, step.stages) == (settings.support, settings.stages)
+        assert slice_folds(step.field(waves().grid), waves().grid).least > 0
+        assert space.page.page.locator(".dnb-ed-fold-bar").is_hidden()
+        press(space, "Control+z")
+        assert_same_places(space.editor.points, stopped)
+        assert (space.editor.settings.stages, space.editor.settings.support) == (1, 25.0)
+        press(space, "Control+z")
+        assert_same_places(space.editor.points, caged)
+        space.drag(AXIAL, caged.target[8], by)
+        assert_same_places(space.editor.points, stopped)
+        assert offers(space) == found
+    space.page.page.get_by_label("Leave it there").click()
+    assert space.page.page.locator(".dnb-ed-fold-bar").is_hidden()
 
 
 def test_folds_in_air_stop_no_drag(open_editor: Any, caged: ControlPoints) -> None:

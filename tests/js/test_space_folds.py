@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scripts import run_script
 
+from deformnb.document.deformation import Step
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid, Volume
@@ -60,11 +61,11 @@ def slice_of(points: ControlPoints, settings: dict[str, Any], depth: float, main
     a0, a1, b0, b1, *_ = pane.box
     raster = {"shape": [61, 81], "origin": [a0, b0], "spacing": [(a1 - a0) / 80, (b1 - b0) / 60]}
     script = f"""({{ points, settings, pane, depth, raster }}) => {{
-      const slice = new SliceMap(rbfFit(points, settings, 3), pane, depth);
+      const slice = new SliceMap(spaceFits(points, settings), pane, depth);
       return {main};
     }}"""
     data = {"points": as_json(points), "settings": settings, "pane": pane.info(), "depth": depth, "raster": raster}
-    found = run_script(("maths/space_slice.ts", "maths/rbf.ts"), script, data)
+    found = run_script(("maths/space_slice.ts", "maths/space_stages.ts"), script, data)
 
     def place(ab: Any) -> Any:
         return pane.plane.from_plane(np.column_stack([np.reshape(ab, (-1, 2)), np.full(np.size(ab) // 2, depth)]))
@@ -110,6 +111,21 @@ def test_the_grid_on_a_slice_is_the_tissue_that_was_on_its_planes() -> None:
         at = place(line["runs"])
         was = pane.plane.to_plane(at + np.asarray(field.displacement(at)))
         assert np.abs(was[:, axis] - level).max() < 0.02
+
+
+def test_stages_in_space_are_those_of_python() -> None:
+    points, places = some_points(np.random.default_rng(3), 6.0), np.random.default_rng(5).uniform(-5, 45, (40, 3))
+    settings = {**SETTINGS, "kernel": "wendland_c2", "stages": 3, "strength": 0.8}
+    main = """({ points, places, settings }) => {
+      const fits = spaceFits(points, settings);
+      return places.map((place) => [detOfFits(fits, place), sourceOfFits(fits, place)]);
+    }"""
+    data = {"points": as_json(points), "places": places.tolist(), "settings": settings}
+    found = run_script(("maths/space_folds.ts", "maths/space_stages.ts"), main, data)
+    field = Step((points,), None, kernel="wendland_c2", support=30.0, stages=3, strength=0.8).field(Grid((8, 8, 8)))
+    expected = np.linalg.det(np.eye(3) + np.asarray(field.jacobian(places)))
+    np.testing.assert_allclose([det for det, _ in found], expected, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose([at for _, at in found], places + field.displacement(places), atol=1e-5)
 
 
 def test_the_mask_holds_all_tissue_and_little_else() -> None:

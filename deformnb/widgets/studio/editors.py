@@ -11,6 +11,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -476,8 +477,8 @@ class StudioEdits:
         done = made.kind if made is not None else ""
         kind = done if done in JOINING else None
         label = edit_label(session.editing.points, points, done) if points.dim == session.editing.points.dim else ""
-        wanted, points = points, self._safe(editor, points, done)
         fit = getattr(made, "fit", None)
+        wanted, points = points, self._safe(editor, points, done, {} if fit is None else fit.as_dict())
         if fit is None:
             self._take(editor, lambda: session.editing.edit_points(points, label, kind))
         else:
@@ -488,8 +489,10 @@ class StudioEdits:
         if done in ("open", "apart") and session.editing.points == points:
             show_opening(session)
 
-    def _safe(self, editor: Any, points: Any, kind: str) -> Any:
+    def _safe(self, editor: Any, points: Any, kind: str, fit: dict[str, Any]) -> Any:
         """The points of a drag or a key in space as far as tissue does not fold, while the stop at folds is on.
+
+        ``fit`` holds the settings of the fit that the edit changes too.
 
         The front end of an editor on a picture stops its drags itself; that in space does so on a coarse lattice.
         """
@@ -498,6 +501,7 @@ class StudioEdits:
             return points
         before, step = session.editing.points, session.editing.step
         try:
+            step = replace(step, **fit)
             safe = safe_points(
                 step, before, points, session.editing.grid, session.editing.key, is_tissue=tissue_of(session)
             )

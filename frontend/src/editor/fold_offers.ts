@@ -1,36 +1,14 @@
-// What gets a drag further that was stopped before tissue folds: each way is tried, those that get further become
-// buttons, and one of them moves on to where the pointer was, as one edit.
+// What gets a drag on a picture further that was stopped before tissue folds.
 
-import { MOST_STAGES } from "../generated.ts";
 import { cleanShapes, middleOf, newPoint } from "../maths/points.ts";
 import { findConflicts } from "../maths/rigid_stages.ts";
 import { cutSides, isInside } from "../maths/shapes.ts";
-import type { FitChange } from "../sync/edits.ts";
 import type { LineData, PartData, PicturePoint, Vector2 } from "../types.ts";
-import type { MapState, StoppedDrag } from "./fold_stop.ts";
-import { OptionBar } from "./option_bar.ts";
+import { DragOffers, FOLLOWERS, fitWays, type StoppedDrag } from "./drag_offers.ts";
+import type { MapState } from "./fold_stop.ts";
 import type { EditorParts } from "./parts.ts";
 
-/** A way of a stopped drag under other settings, or with other points or parts; null where there is none. */
-type Way = (share: number) => MapState | null;
-/** A way that gets further, and how far. */
-export type FoldOffer = { name: string; way: Way; share: number };
-
-const SUPPORTS = [1.5, 2, 3, 4, 6, 8]; // of the reach of points
-const WIDTHS = [1.6, 2.4, 3.5, 5]; // of the length of the drag: how far the tissue around follows
-const FURTHER = 0.05; // of the drag: less is not offered
-const TURNS = 5; // of the bisection of a way that does not reach the end
-const LOOK_AGAIN = 150, // ms: from one look at the volumes to the next, and until a picture is drawn at rest
-  LONGEST_REFINEMENT = 4000, // ms
-  LONGEST_WAIT = 500, // ms for an idle moment
-  UNFINISHED = ".dnb-view[data-drawing]";
 const RING = 8; // points that hold the tissue around, and that let it follow
-const NAMES: Record<string, [label: string, tip: string]> = {
-  support: ["Larger support", "Points reach farther, so that the tissue around follows"],
-  stages: ["In stages", "The same drag in several smaller steps, one after the other"],
-  rigid: ["Move rigidly", "The tissue around moves as a rigid part; along a cut, one half of it"],
-  points: ["More points", "Points around let the tissue follow, less and less far away"],
-};
 
 /** Dependencies of the offers on the editor. */
 export type OffersEditor = EditorParts<
@@ -38,103 +16,37 @@ export type OffersEditor = EditorParts<
   "foldStop" | "points" | "shapes"
 >;
 
-export class FoldOffers {
-  bar: OptionBar;
-  words: HTMLSpanElement;
-  buttons: HTMLSpanElement;
-  offers: FoldOffer[] = [];
-  isTrying = false;
-  #turn = 0; // of the drag that is tried; another one ends the trial
-
+export class FoldOffers extends DragOffers<MapState> {
   constructor(readonly editor: OffersEditor) {
-    this.bar = new OptionBar(editor, "dnb-ed-options dnb-ed-fold-bar", "Ways to continue the drag");
-    this.words = this.bar.text("", { role: "status" });
-    this.buttons = this.bar.text("dnb-ed-fold-buttons");
-    this.bar.button("\u2715", "Leave it there", () => {
-      this.drop();
-      editor.stage.focus();
-    });
+    super(editor);
   }
 
-  get isShown() {
-    return !this.bar.element.hidden;
+  protected isRefused(state: MapState) {
+    return this.editor.tools.foldStop.isRefused(state);
   }
 
-  /** Withdraw the offers: another edit begins. False if there are none. */
-  drop() {
-    this.#turn += 1;
-    this.isTrying = false;
-    this.offers = [];
-    const was = this.isShown;
-    this.bar.element.hidden = true;
-    return was;
-  }
-
-  /** Offer what gets further than a drag that was stopped. */
-  propose(stopped: StoppedDrag) {
-    this.drop();
-    void this.#try(stopped, this.#turn);
-  }
-
-  /** Try one way after the other in idle time, when all is drawn; another edit ends it. */
-  async #try(stopped: StoppedDrag, turn: number) {
-    const { editor } = this,
-      found: FoldOffer[] = [];
-    this.isTrying = true;
-    await drawnPage();
-    for (const [name, ways] of Object.entries(this.#ways(stopped))) {
-      let best: FoldOffer | null = null;
-      for (const way of ways) {
-        const share = await this.#shareOf(way, Math.max(stopped.share, best?.share ?? 0), turn);
-        if (share === null) return;
-        if (share > stopped.share + FURTHER && share > (best?.share ?? 0)) best = { name, way, share };
-        if (share === 1) break;
-      }
-      if (best) found.push(best);
-    }
-    this.isTrying = false;
-    editor.frames.guard(() => this.#show(found, stopped.share));
-  }
-
-  /** How far a way gets; 0 where it gets no further than another one, null where another edit has begun. */
-  async #shareOf(way: Way, known: number, turn: number): Promise<number | null> {
-    const { foldStop } = this.editor.tools,
-      isOver = () => turn !== this.#turn || this.editor.points.isDragging;
-    const isFree = async (share: number) => {
-      await idleMoment();
-      if (isOver()) return false;
-      const state = way(share);
-      return state !== null && !foldStop.isRefused(state);
-    };
-    if (await isFree(1)) return 1;
-    if (isOver()) return null;
-    if (known + FURTHER >= 1 || !(await isFree(known + FURTHER))) return isOver() ? null : 0;
-    let low = known + FURTHER,
-      high = 1;
-    for (let k = 0; k < TURNS; k++) {
-      const middle = (low + high) / 2;
-      if (await isFree(middle)) low = middle;
-      else high = middle;
-      if (isOver()) return null;
-    }
-    return low;
+  protected get isBusy() {
+    return this.editor.points.isDragging;
   }
 
   // ---- the ways ------------------------------------------------------------------------------------------------------
 
-  #ways({ make }: StoppedDrag): Record<string, Way[]> {
-    const { map } = this.editor,
-      stages: number[] = [];
-    for (let count = 2 * (map.settings.stages ?? 1); count <= MOST_STAGES; count *= 2) stages.push(count);
-    const withFit =
-      (fit: FitChange): Way =>
-      (share) => ({ ...make(share), fit });
+  protected ways({ make }: StoppedDrag<MapState>) {
+    const { map } = this.editor;
     return {
-      support: map.reach > 0 ? SUPPORTS.map((factor) => withFit({ support: factor * map.reach })) : [],
-      stages: stages.map((count) => withFit({ stages: count })),
-      rigid: [(share) => this.#rigidly(make(share))],
-      points: WIDTHS.map((width) => (share: number) => this.#withFollowers(make(share), make(1), width)),
+      ...fitWays(make, map.reach, map.settings.stages ?? 1),
+      rigid: [(share: number) => this.#rigidly(make(share))],
+      points: FOLLOWERS.map((width) => (share: number) => this.#withFollowers(make(share), make(1), width)),
     };
+  }
+
+  protected apply(state: MapState) {
+    const { foldStop, points: pointTools, shapes: shapeTools } = this.editor.tools;
+    foldStop.note = "";
+    foldStop.stopped = null;
+    if (state.shapes !== this.editor.points.shapes)
+      shapeTools.edit("parts", state.shapes.parts, "move rigidly", { points: state.points });
+    else pointTools.edit(state.points, "move", null, state.fit);
   }
 
   /** The points of a state that the drag has moved, as they were. */
@@ -260,68 +172,10 @@ export class FoldOffers {
     return { ...state, points };
   }
 
-  // ---- the bar -------------------------------------------------------------------------------------------------------
-
-  #show(offers: FoldOffer[], share: number) {
-    const { editor } = this;
-    this.offers = offers;
-    const stand = Math.round(100 * share);
-    this.words.textContent = offers.length
-      ? `Stopped before tissue folds, at ${stand} % of the drag. Continue:`
-      : `Stopped before tissue folds, at ${stand} % of the drag. Drag less far, or hold fewer points`;
-    this.buttons.replaceChildren();
-    for (const offer of offers) {
-      const [label, tip] = NAMES[offer.name]!;
-      const far = Math.round(100 * offer.share);
-      const button = this.bar.button(
-        offer.share === 1 ? label : `${label}: ${far} %`,
-        label,
-        () => this.take(offer),
-        tip,
-      );
-      button.dataset.offer = offer.name;
-      this.buttons.append(button);
-    }
-    this.bar.element.hidden = false;
-    editor.messages.announce(this.words.textContent);
-    editor.frames.invalidate();
-  }
-
-  /** Continue the drag by one of the ways, as one edit. */
-  take({ name, way, share }: FoldOffer) {
-    const { editor } = this,
-      { foldStop, points: pointTools, shapes: shapeTools } = editor.tools,
-      state = way(share);
-    this.drop();
-    foldStop.note = "";
-    foldStop.stopped = null;
-    editor.stage.focus();
-    if (!state) return;
-    if (state.shapes !== editor.points.shapes)
-      shapeTools.edit("parts", state.shapes.parts, "move rigidly", { points: state.points });
-    else pointTools.edit(state.points, "move", null, state.fit);
-    editor.messages.announce(`${NAMES[name]![0]}: done`);
-  }
-
   /** Hide the bar when a tool with options of its own is on, or nothing can be edited. */
   show() {
     if (this.isShown && (this.editor.points.isLocked || this.editor.picture.isBefore)) this.drop();
   }
-}
-
-/** An idle moment of the page: each check fits all points, and waits for the pointer and for pictures. */
-function idleMoment() {
-  return new Promise<unknown>((resume) => {
-    if ("requestIdleCallback" in globalThis) requestIdleCallback(resume, { timeout: LONGEST_WAIT });
-    else setTimeout(resume);
-  });
-}
-
-/** The page with no volume under way: the last pictures of a drag come before what might continue it. */
-async function drawnPage() {
-  const end = performance.now() + LONGEST_REFINEMENT;
-  do await new Promise((resume) => setTimeout(resume, LOOK_AGAIN));
-  while (document.querySelector(UNFINISHED) && performance.now() < end);
 }
 
 /** Places on a circle; `turn` of a step rotates them. */

@@ -7,12 +7,11 @@ import { RbfError } from "../maths/rbf.ts";
 import { checksOf, SafeShare } from "../maths/safe_share.ts";
 import type { FitChange } from "../sync/edits.ts";
 import type { PicturePoint, Shapes, Vector4 } from "../types.ts";
+import type { StoppedDrag } from "./drag_offers.ts";
 import type { EditorParts } from "./parts.ts";
+
 /** The input of a fit */
 export type MapState = { points: PicturePoint[]; shapes: Shapes; fit?: FitChange };
-
-/** A drag that was stopped: the state at each share of its way, and the share at which it stands. */
-export type StoppedDrag = { make: (share: number) => MapState; share: number };
 
 const HOLD_WORK = 6e4,
   HOLD_NODES = [9, 33] as const; // evaluations of a kernel for one check, and nodes of a side of its lattice
@@ -27,7 +26,7 @@ export class FoldStop {
   /** The smallest det J before the drag. */
   least0: number | null = null;
   start: MapState;
-  stopped: StoppedDrag | null = null;
+  stopped: StoppedDrag<MapState> | null = null;
   #share = new SafeShare();
 
   constructor(readonly editor: FoldStopEditor) {
@@ -122,7 +121,7 @@ export class FoldStop {
     return isRefused;
   }
 
-  #hold(stopped: StoppedDrag, note: string) {
+  #hold(stopped: StoppedDrag<MapState>, note: string) {
     this.stopped = stopped;
     this.note = note;
   }

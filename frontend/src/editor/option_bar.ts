@@ -3,13 +3,16 @@
 import type { Attributes } from "../ui/dom.ts";
 import { buttonElement, OWN_KEYS, pageElement } from "../ui/dom.ts";
 import type { Frames } from "./frames.ts";
-import type { Stage } from "./stage.ts";
 
 export class OptionBar {
   readonly element: HTMLDivElement;
   readonly #frames: Pick<Frames, "guard">;
 
-  constructor({ frames, stage }: { frames: Pick<Frames, "guard">; stage: Stage }, className: string, label: string) {
+  constructor(
+    { frames, stage }: { frames: Pick<Frames, "guard">; stage: { readonly element: HTMLElement } },
+    className: string,
+    label: string,
+  ) {
     const attributes = { hidden: "", role: "group", "aria-label": label };
     this.#frames = frames;
     this.element = pageElement("div", `dnb-ed-brush ${className}`.trim(), stage.element, attributes);

@@ -420,7 +420,7 @@ function checkStages(count: number, parts: PartData[] | undefined) {
 }
 
 /** The points of stage j, from 1. */
-function stagePoints(points: Point[], j: number, count: number) {
+export function stagePoints<V extends Vector>(points: Point<V>[], j: number, count: number) {
   return points.map((p) => {
     const way = (t: number) => placeBetween(p.source, p.target, t);
     return { ...p, source: way((j - 1) / count), target: j === count ? p.target : way(j / count) };

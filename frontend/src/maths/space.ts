@@ -54,6 +54,9 @@ export interface SpaceFit extends RbfFit {
   quadratic: [Matrix3, Matrix3, Matrix3] | null;
 }
 
+/** Fits of the stages of points in space, the first stage first; one fit where there are no stages. */
+export type SpaceFits = RbfFit[];
+
 /**
  * A fit in space, expressed in a second frame.
  * @param axes of the frame, which are orthonormal

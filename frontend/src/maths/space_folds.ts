@@ -6,7 +6,7 @@ import { perAxis } from "./axes.ts";
 import { added, difference, dot } from "./camera.ts";
 import { RBF_KERNELS, rbfOnLattice } from "./rbf.ts";
 import { maskBits } from "./regions.ts";
-import { fromPane, type SpaceFit } from "./space.ts";
+import { fromPane, type SpaceFit, type SpaceFits } from "./space.ts";
 
 const RINGS = [0.2, 0.45, 0.7], // of the distance to the nearest point, where a fold near a point may hide
   FEWEST = 5,
@@ -58,11 +58,27 @@ export function detInSpace(fit: RbfFit, place: Vector3) {
   return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
 }
 
-/** The place of the volume as it was that is seen at a place. */
-export function sourceAt(fit: RbfFit, place: Vector3): Vector3 {
-  const [x, y, z] = rbfOnLattice(fit, { shape: [1, 1, 1], spacing: [1, 1, 1], origin: place });
-  return added(place, [x!, y!, z!]);
+/** The place before some fits that is seen at a place. */
+export function sourceOfFits(fits: SpaceFits, place: Vector3): Vector3 {
+  return fits.reduceRight<Vector3>((at, fit) => {
+    const [x, y, z] = rbfOnLattice(fit, { shape: [1, 1, 1], spacing: [1, 1, 1], origin: at });
+    return added(at, [x!, y!, z!]);
+  }, place);
 }
+
+/** det J of fits done one after the other, at a place of the result. */
+export function detOfFits(fits: SpaceFits, place: Vector3) {
+  let det = 1,
+    at = place;
+  for (let k = fits.length - 1; k >= 0; k--) {
+    det *= detInSpace(fits[k]!, at);
+    if (k > 0) at = sourceOfFits([fits[k]!], at);
+  }
+  return det;
+}
+
+/** Evaluations of a kernel that det J of fits costs at a place. */
+export const costOf = (fits: SpaceFits) => fits.reduce((sum, fit) => sum + fit.count, 0);
 
 /** Places around the centres of a fit, along the axes and along their displacement, as many as a number of evaluations allows. */
 export function* placesNear(
@@ -88,20 +104,20 @@ export function* placesNear(
 }
 
 /**
- * The smallest det J of a fit in a volume; where there is no tissue, one up to NEARLY_FOLDED does not count.
+ * The smallest det J of fits in a volume; where there is no tissue, one up to NEARLY_FOLDED does not count.
  * @param pane a picture of the volume, whose box is that of the volume
  * @param work evaluations of a kernel
  */
-export function leastDetInSpace(fit: RbfFit, pane: PaneInfo, isTissue: IsTissueAt, work: number) {
+export function leastDetInSpace(fits: SpaceFits, pane: PaneInfo, isTissue: IsTissueAt, work: number) {
   const [a0, a1, b0, b1, c0, c1] = pane.box,
     sizes = [a1 - a0, b1 - b0, c1 - c0],
     longest = Math.max(...sizes),
-    nodes = Math.max(FEWEST, Math.min(MOST, Math.floor(Math.cbrt(work / (fit.count + 1)))));
+    nodes = Math.max(FEWEST, Math.min(MOST, Math.floor(Math.cbrt(work / (costOf(fits) + 1)))));
   const [na, nb, nc] = perAxis((k) => Math.max(2, Math.round((nodes * sizes[k]!) / longest)));
   let least = 1;
   const look = (place: Vector3) => {
-    const det = detInSpace(fit, place);
-    if (det < least && (det > NEARLY_FOLDED || isTissue(sourceAt(fit, place)))) least = det;
+    const det = detOfFits(fits, place);
+    if (det < least && (det > NEARLY_FOLDED || isTissue(sourceOfFits(fits, place)))) least = det;
   };
   for (let i = 0; i < na; i++) {
     for (let j = 0; j < nb; j++) {
@@ -116,7 +132,7 @@ export function leastDetInSpace(fit: RbfFit, pane: PaneInfo, isTissue: IsTissueA
       }
     }
   }
-  for (const place of placesNear(fit as SpaceFit, work)) look(place);
+  for (const place of placesNear(fits.at(-1) as SpaceFit, work / fits.length)) look(place);
   return least;
 }
 

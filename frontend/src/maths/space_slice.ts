@@ -1,11 +1,12 @@
 // The map of points in space on one slice: det J, where that folds, and the lines of the grid that bends with the
 // tissue. Coordinates are those of the slice's picture.
 
-import type { PaneInfo, Raster, RbfFit, Vector2 } from "../types.ts";
+import type { Lattice, PaneInfo, Raster, Vector2, Vector3 } from "../types.ts";
+import { added } from "./camera.ts";
 import { type DetMap, foldPieces, type Probe } from "./folds.ts";
 import { rbfOnLattice } from "./rbf.ts";
-import { fitInFrame, fromPane, type SpaceFit } from "./space.ts";
-import { detInSpace, type IsTissueAt, placesNear, sourceAt } from "./space_folds.ts";
+import { fitInFrame, fromPane, type SpaceFit, type SpaceFits } from "./space.ts";
+import { costOf, detOfFits, type IsTissueAt, placesNear, sourceOfFits } from "./space_folds.ts";
 
 const NEARLY = 0.3; // det J on the nodes of a lattice above which nothing folds between them
 
@@ -15,22 +16,22 @@ export interface SliceLine {
   isEdge: boolean;
 }
 
-/** The fit of points in space in the frame of a picture, at a depth. */
+/** The fits of points in space in the frame of a picture, at a depth. */
 export class SliceMap implements DetMap {
   readonly count: number;
-  readonly #fit: RbfFit;
+  readonly #fits: SpaceFits;
 
   constructor(
-    fit: RbfFit,
+    fits: SpaceFits,
     readonly pane: PaneInfo,
     readonly depth: number,
   ) {
-    this.#fit = fitInFrame(fit, [pane.u, pane.v, pane.n], pane.origin);
-    this.count = fit.count;
+    this.#fits = fits.map((fit) => fitInFrame(fit, [pane.u, pane.v, pane.n], pane.origin));
+    this.count = costOf(fits);
   }
 
   detAt(a: number, b: number) {
-    return detInSpace(this.#fit, [a, b, this.depth]);
+    return detOfFits(this.#fits, [a, b, this.depth]);
   }
 
   #detsOnRaster({ shape: [rows, columns], spacing: [da, db], origin: [a0, b0] }: Raster) {
@@ -42,7 +43,11 @@ export class SliceMap implements DetMap {
 
   /** Probes around the points, where a lattice might miss a small fold. */
   #probes(most: number): Probe[] {
-    return Array.from(placesNear(this.#fit as SpaceFit, most), ([a, b]) => [a, b, this.detAt(a, b)]);
+    return Array.from(placesNear(this.#fits.at(-1) as SpaceFit, most / this.#fits.length), ([a, b]) => [
+      a,
+      b,
+      this.detAt(a, b),
+    ]);
   }
 
   /**
@@ -60,7 +65,7 @@ export class SliceMap implements DetMap {
   /** Whether tissue is in one of these polygons, at a corner or in the middle. */
   hasTissue(polygons: number[][], isTissue: IsTissueAt) {
     const isAt = (a: number, b: number) => {
-      const [x, y, z] = sourceAt(this.#fit, [a, b, this.depth]);
+      const [x, y, z] = sourceOfFits(this.#fits, [a, b, this.depth]);
       return isTissue(fromPane(this.pane, [x, y, z]));
     };
     return polygons.some((polygon) => {
@@ -88,15 +93,14 @@ export class SliceMap implements DetMap {
       } = raster,
       [left, right, top, bottom, front, back] = this.pane.box,
       size = Math.max(right - left, bottom - top, back - front) / cells,
-      moves = rbfOnLattice(this.#fit, {
-        shape: [columns, rows, 1],
-        spacing: [da, db, 1],
-        origin: [a0, b0, this.depth],
-      });
-    const along = (k: number) =>
-      Float64Array.from({ length: rows * columns }, (_, n) =>
-        k ? b0 + Math.floor(n / columns) * db + moves[3 * n + 1]! : a0 + (n % columns) * da + moves[3 * n]!,
-      );
+      lattice: Lattice = { shape: [columns, rows, 1], spacing: [da, db, 1], origin: [a0, b0, this.depth] },
+      moves = rbfOnLattice(this.#fits.at(-1)!, lattice),
+      earlier = this.#fits.slice(0, -1);
+    const places = Array.from({ length: rows * columns }, (_, n): Vector3 => {
+      const at: Vector3 = [a0 + (n % columns) * da, b0 + Math.floor(n / columns) * db, this.depth];
+      return sourceOfFits(earlier, added(at, [moves[3 * n]!, moves[3 * n + 1]!, moves[3 * n + 2]!]));
+    });
+    const along = (k: 0 | 1) => Float64Array.from(places, (at) => at[k]);
     return [...levelLines(along(0), raster, [left, right], size), ...levelLines(along(1), raster, [top, bottom], size)];
   }
 }

@@ -17,6 +17,7 @@ import { Toolbar } from "../ui/toolbar.ts";
 import { SpaceCommands } from "./commands.ts";
 import { SliceCursor } from "./cursor.ts";
 import { SpaceEdits } from "./edits.ts";
+import { SpaceFoldOffers } from "./fold_offers.ts";
 import { SpaceFoldStop } from "./fold_stop.ts";
 import { spaceKey } from "./keys.ts";
 import { SpaceModes } from "./modes.ts";
@@ -132,6 +133,7 @@ export class SpaceEditorView extends EditorDrawing {
       parts.row.gestures.push(new PaneGestures(parts, pane));
     }
     parts.row.element.append(parts.row.veil);
+    parts.foldOffers = new SpaceFoldOffers(parts);
     parts.names = new NamePrompt({ frames, stage: parts.row });
     parts.help = new HelpPanel(
       parts.row.element,
@@ -182,7 +184,7 @@ export class SpaceEditorView extends EditorDrawing {
 
   #followModel() {
     const { frames, messages, model, sender } = this,
-      { cursor, edits, points } = this.parts,
+      { cursor, edits, foldOffers, points } = this.parts,
       bus = busOf(model);
     const on = (name: string, handler: ModelHandler) => {
       const guarded: ModelHandler = (...given) => frames.guard(() => handler(...given));
@@ -220,7 +222,10 @@ export class SpaceEditorView extends EditorDrawing {
     this.#ends.push(() => bus.removeEventListener("deformnb:points", moved));
     sender.channel.greet();
     const news = {
-      points: () => edits.receive(),
+      points: () => {
+        foldOffers.drop(); // they were about the points before
+        edits.receive();
+      },
       status: () => messages.showStatus(sender),
       history: () => frames.invalidate(),
     };
@@ -293,6 +298,7 @@ export class SpaceEditorView extends EditorDrawing {
     const { edits, row, status } = this.parts;
     if (row.panes.map((pane) => pane.draw()).some(Boolean)) row.focus(); // no shortcut: all are drawn
     status.update();
+    this.parts.foldOffers.show();
     this.frames.restSoon(() => {});
     if (!edits.isViewer) this.#updateToolbar();
   }

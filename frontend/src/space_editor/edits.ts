@@ -4,7 +4,7 @@ import type { PointsEdit } from "../generated.ts";
 import { samePoints } from "../maths/points.ts";
 import { updateSources } from "../maths/space.ts";
 import { busOf, publishPoints, settingsOf } from "../sync/bus.ts";
-import { MOST_CHARACTERS } from "../sync/edits.ts";
+import { type FitChange, MOST_CHARACTERS } from "../sync/edits.ts";
 import type { PointsDetail, SpacePoint } from "../types.ts";
 import type { SpaceParts } from "./parts.ts";
 
@@ -27,15 +27,21 @@ export class SpaceEdits {
   /**
    * Make an edit. Returns whether there is one.
    * @param join edits with the same are undone as one
+   * @param fit settings of the fit that the edit changes too
    */
-  edit(list: SpacePoint[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
+  edit(
+    list: SpacePoint[],
+    kind: PointsEdit["kind"] = "move",
+    join: string | null = null,
+    fit: FitChange | null = null,
+  ) {
     const { messages, points, sender } = this.editor;
-    if (points.isLocked || samePoints(list, points.list)) return false;
+    if (points.isLocked || (!fit && samePoints(list, points.list))) return false;
     if (JSON.stringify(list).length > MOST_CHARACTERS) {
       messages.show("These are too many points to send in one message. Remove some, or edit in Python.");
       return false;
     }
-    sender.edit(list, kind, join); // which notifies all views, this one too
+    sender.edit(list, kind, join, fit); // which notifies all views, this one too
     return true;
   }
 
@@ -53,13 +59,16 @@ export class SpaceEdits {
   }
 
   endDrag(isCancelled: boolean, kind: PointsEdit["kind"] = "move") {
-    const { points, sender } = this.editor,
+    const { foldStop, points, sender } = this.editor,
       { drag0 } = this,
       { list } = points;
     this.drag0 = null;
     if (!drag0) return;
     points.list = drag0;
-    if (!isCancelled && this.edit(list, kind)) return;
+    if (!isCancelled && this.edit(list, kind)) {
+      foldStop.end();
+      return;
+    }
     this.#publish(sender.points, "end"); // Python may have moved them meanwhile
     sender.move(points.list); // Python has received the drag, and now its end
   }

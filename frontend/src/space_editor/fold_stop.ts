@@ -1,19 +1,22 @@
 // The stop of drags and keys in space before tissue folds. Python checks the end of each on a finer lattice; maps of more
-// than the points (cuts, rigid parts, stages, a fit forward) are checked by Python alone.
+// than the points (cuts, rigid parts, a fit forward) are checked by Python alone.
 
+import type { StoppedDrag } from "../editor/drag_offers.ts";
 import { NEARLY_FOLDED } from "../generated.ts";
 import { SafeShare } from "../maths/safe_share.ts";
 import type { SpacePoint } from "../types.ts";
+import type { SpaceState } from "./fold_offers.ts";
 import type { SpaceParts } from "./parts.ts";
 
 export class SpaceFoldStop {
   note = ""; // the reason why a drag was stopped
+  start: SpacePoint[] = []; // of the drag
   /** The smallest det J before the drag. */
   #least0: number | null = null;
-  #start: SpacePoint[] = [];
+  #stopped: StoppedDrag<SpaceState> | null = null;
   #share = new SafeShare();
 
-  constructor(readonly editor: SpaceParts<"model" | "points" | "map">) {}
+  constructor(readonly editor: SpaceParts<"model" | "points" | "map" | "foldOffers">) {}
 
   get isOn() {
     const { map, model } = this.editor;
@@ -22,27 +25,43 @@ export class SpaceFoldStop {
 
   /** A drag or a key begins. */
   begin() {
-    Object.assign(this, { note: "" });
+    this.leave();
     this.#least0 = null;
-    this.#start = this.editor.points.list;
+    this.start = this.editor.points.list;
     this.#share.reset();
+    this.editor.foldOffers.drop();
   }
 
-  #isRefused(points: SpacePoint[]) {
+  /** Forget the drag that was stopped: it goes on. */
+  leave() {
+    this.note = "";
+    this.#stopped = null;
+  }
+
+  /** A drag has ended: offer what gets further, if it was stopped. */
+  end() {
+    if (this.#stopped) this.editor.foldOffers.propose(this.#stopped);
+  }
+
+  /** Whether the map folds in a state, and did not before the drag: folds of before may stay. */
+  isRefused({ points, fit }: SpaceState) {
     const { map } = this.editor;
-    this.#least0 ??= map.leastOf(this.#start);
-    return map.leastOf(points) < Math.min(NEARLY_FOLDED, this.#least0) - 1e-9;
+    this.#least0 ??= map.leastOf(this.start);
+    return map.leastOf(points, fit) < Math.min(NEARLY_FOLDED, this.#least0) - 1e-9;
   }
 
   /** Points as far as the map stays free of folds, while the stop is on: from `make(0)` to `make(1)`. */
   limit(make: (share: number) => SpacePoint[]) {
-    const wanted = make(1);
-    this.note = "";
-    if (!this.isOn || !this.#isRefused(wanted)) {
+    const stateAt = (share: number): SpaceState => ({ points: make(share) }),
+      wanted = stateAt(1);
+    this.leave();
+    if (!this.isOn || !this.isRefused(wanted)) {
       this.#share.reset();
-      return wanted;
+      return wanted.points;
     }
+    const share = this.#share.find(stateAt, (state) => this.isRefused(state));
     this.note = "Stopped before tissue folds; T lets the drag continue";
-    return make(this.#share.find(make, (points) => this.#isRefused(points)));
+    this.#stopped = { make: stateAt, share };
+    return make(share);
   }
 }

@@ -47,20 +47,29 @@ export class PaneMap {
         model,
         theme,
       } = this.editor,
-      fit = cursor.isSlice ? map.currentFit : null,
+      fits = cursor.isSlice ? map.currentFits : null,
       depth = cursor.depthIn(pane),
       cells: number = model.get("show_grid") ? model.get("density") : 0,
       marksFolds = model.get("overlay") !== "none",
-      key = [fit, fit && depth, fit && isMoving, pane, cells, marksFolds, theme.colours.grid, ...Object.values(view)];
+      key = [
+        fits,
+        fits && depth,
+        fits && isMoving,
+        pane,
+        cells,
+        marksFolds,
+        theme.colours.grid,
+        ...Object.values(view),
+      ];
     if (key.every((value, k) => value === this.#drawn[k])) return;
     this.#drawn = key;
     this.#clear();
     this.folds = "none";
     const part = visiblePart(view, pane);
-    if (!fit || isStill(fit) || !part || !(cells || marksFolds)) return;
-    const slice = new SliceMap(fit, pane, depth),
+    if (!fits || fits.every(isStill) || !part || !(cells || marksFolds)) return;
+    const slice = new SliceMap(fits, pane, depth),
       pace = isMoving ? "moving" : "resting",
-      raster = rasterOf(part, CELL[pace] / view.k, WORK[pace] / Math.max(1, fit.count));
+      raster = rasterOf(part, CELL[pace] / view.k, WORK[pace] / Math.max(1, slice.count));
     if (cells) this.#drawGrid(slice, raster, view, cells);
     if (marksFolds) this.#drawFolds(slice, raster, view, WORK[pace]);
   }

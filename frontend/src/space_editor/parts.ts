@@ -12,6 +12,7 @@ import type { Toolbar } from "../ui/toolbar.ts";
 import type { SpaceCommands } from "./commands.ts";
 import type { SliceCursor } from "./cursor.ts";
 import type { SpaceEdits } from "./edits.ts";
+import type { SpaceFoldOffers } from "./fold_offers.ts";
 import type { SpaceFoldStop } from "./fold_stop.ts";
 import type { SpaceModes } from "./modes.ts";
 import type { PaneRow } from "./pane_row.ts";
@@ -35,6 +36,7 @@ interface Parts {
   tools: SpacePointTools;
   modes: SpaceModes;
   foldStop: SpaceFoldStop;
+  foldOffers: SpaceFoldOffers;
   /** The place at which the slices meet. */
   cursor: SliceCursor;
   requests: PictureRequests;

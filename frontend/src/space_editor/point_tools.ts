@@ -49,6 +49,7 @@ export class SpacePointTools {
       join,
     );
     if (foldStop.note) messages.announce(foldStop.note);
+    foldStop.end();
     this.editor.frames.invalidate();
   }
 

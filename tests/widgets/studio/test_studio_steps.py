@@ -321,6 +321,16 @@ def test_an_edit_in_space_ends_before_tissue_folds(studio: Studio, kind: str) ->
     assert "Stopped before tissue folds" in get_notice(studio)
     studio.undo()
     assert space.points == before
+    part = before.move(before.ids[-1], middle + 1.3 * way[0] * np.array([7.0, 2.0, 0.0]))
+    drag(studio, part, kind)
+    assert space.points != part
+    studio.undo()
+    assert not space.points.displacement.any()
+    drag(studio, part, kind, fit={"stages": 8})  # with which it does not fold
+    assert studio.session.editing.points == space.points == part
+    assert studio.session.editing.step.stages == 8
+    studio.undo()
+    assert space.points == before
     flat.stop_at_folds = False  # one switch for both editors
     assert not space.stop_at_folds
     drag(studio, far, kind)
