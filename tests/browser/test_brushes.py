@@ -205,7 +205,7 @@ def test_the_radius_follows_keys_the_wheel_and_the_slider(
     page.wait(f"models.editor.saved.some((s) => Math.abs(s.brush_radius - 400 / {k}) < 1e-6)")
     page.wait_settled()
     assert page.editor.brush_radius == pytest.approx(400 / k)
-    page.page.get_by_role("button", name="put the brush away").click()
+    page.page.get_by_role("button", name="Done").click()
     assert page.js(f"{PAGE}.tools.brush.isOn") is False
     page.wait_settled()
     assert circle.is_hidden()

@@ -84,7 +84,7 @@ def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
     assert page.editor.window == []
     np.testing.assert_array_equal(page.canvas(), before)
     page.page.keyboard.press("ArrowRight")
-    page.page.get_by_role("button", name="automatic window").click()
+    page.page.get_by_role("button", name="Auto").click()
     page.wait(f"!{PAGE}.tools.window.trait.isAhead")
     assert page.editor.window == []
     assert page.points == points

@@ -122,6 +122,6 @@ def test_a_studio_shows_one_message_of_all_beside_the_object(studio_page: Any, a
     page.locator(".dnb-studio-messages .dnb-message-close").click()
     row.wait_for()
     say(lambda: words.show("")).result(30)  # or the next page begins with it
-    set_message(page, "b", "")
+    row.get_by_role("button", name="Close this message").click()
     set_message(page, "a", "")
     start.wait_for()

@@ -65,7 +65,7 @@ export class AppPage {
     if (this.manager?.session === session) return;
     const manager = new WidgetManager(session);
     this.manager = manager;
-    const place = pageElement("div", "dnb-app-place", null);
+    const place = pageElement("main", "dnb-app-place", null);
     try {
       const held = this.#shown && (await hold(this.#shown.manager));
       const view = await manager.open();

@@ -56,7 +56,7 @@ export class Brush {
       if (key === "Escape") editor.frames.guard(end);
     });
     this.value = this.bar.text("dnb-ed-brush-value");
-    this.bar.button("Done", "put the brush away", end);
+    this.bar.button("Done", "Done", end, "put the brush away");
   }
 
   get isOn() {

@@ -162,12 +162,8 @@ export abstract class DragOffers<S> {
     for (const offer of offers) {
       const [label, tip] = NAMES[offer.name]!;
       const far = Math.round(100 * offer.share);
-      const button = this.bar.button(
-        offer.share === 1 ? label : `${label}: ${far} %`,
-        label,
-        () => this.take(offer),
-        tip,
-      );
+      const words = offer.share === 1 ? label : `${label}: ${far} %`,
+        button = this.bar.button(words, words, () => this.take(offer), tip);
       button.dataset.offer = offer.name;
       this.buttons.append(button);
     }

@@ -76,14 +76,13 @@ export class WindowTool {
     this.trait = new RestingTrait(editor.model, "window");
     this.bar = new OptionBar(editor, "", "Window");
     this.value = this.bar.text("dnb-ed-brush-value");
-    const automatic = "automatic window (Home, or double-click)",
-      away = "put the tool away";
-    this.bar.button("Auto", automatic, () => this.reset(), automatic);
+    const automatic = "automatic window (Home, or double-click)";
+    this.bar.button("Auto", "Auto", () => this.reset(), automatic);
     const done = () => {
       this.stop();
       editor.stage.focus();
     };
-    this.bar.button("Done", away, done, away);
+    this.bar.button("Done", "Done", done, "put the tool away");
   }
 
   /** The values of the picture, and its unit; null without a picture of grey values. */

@@ -152,7 +152,7 @@ class ItemListView extends Widget {
     if (!columns.length || !isShown) return;
     const line = pageElement("tr", "", this.head);
     for (const text of ["", ...columns, ...(this.hasSwitches ? ["On"] : []), ""]) {
-      pageElement("th", "", line, { scope: "col" }, text);
+      pageElement(text ? "th" : "td", "", line, text ? { scope: "col" } : {}, text);
     }
   }
 

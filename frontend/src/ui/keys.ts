@@ -271,7 +271,7 @@ export class HelpPanel {
       "aria-label": "Keys and gestures",
       hidden: "",
       "aria-modal": "false",
-      tabindex: "-1",
+      tabindex: "0", // arrows scroll it
       ...OWN_KEYS,
     });
     const list = pageElement("div", "dnb-ed-entries", this.panel);

@@ -69,7 +69,7 @@ export class Messages {
     else delete this.root.dataset.kind;
     setText(this.#text, shown?.text ?? "");
     setText(this.#action, shown?.action?.[0] ?? "");
-    setText(this.#next, `${sources.indexOf(this.#source) + 1} / ${sources.length}`);
+    setText(this.#next, sources.length < 2 ? "" : `${sources.indexOf(this.#source) + 1} / ${sources.length}`);
     this.#action.hidden = !shown?.action;
     this.#next.hidden = sources.length < 2;
     this.#close.hidden = !shown;

@@ -193,9 +193,9 @@ export class Toolbar {
     setAttributes(item, {
       role: stays ? "menuitemcheckbox" : "menuitem",
       tabindex: "-1",
-      "aria-label": label,
       ...(stays ? { "aria-checked": "false" } : {}),
     });
+    item.removeAttribute("aria-label"); // its words are its name
     pageElement("span", "", item, {}, label);
     pageElement("span", "dnb-ed-item-key", item, { "aria-hidden": "true" }, keyWords(table, command));
     this.buttons.set(command, { button: item, tip, needs, isItem: true });

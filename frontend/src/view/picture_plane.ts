@@ -43,7 +43,9 @@ export class PicturePlane {
     this.#outline = svgElement("path", {}, this.#svg);
     this.#bar = pageElement("div", "dnb-plane-bar", root, { hidden: "" });
     const tip = "Edit on the picture that the volume shows now (E)";
-    this.#edit = buttonElement("dnb-button dnb-edit-view", this.#bar, "Edit this view", () => this.edit(), named(tip));
+    this.#edit = buttonElement("dnb-button dnb-edit-view", this.#bar, "Edit this view", () => this.edit(), {
+      title: tip,
+    });
     this.#label = pageElement("span", "dnb-plane-label", this.#bar, { role: "status" });
     this.#name = pageElement("span", "dnb-plane-name", this.#label);
     this.#projection = pageElement("span", "dnb-plane-projection", this.#label);

@@ -29,7 +29,9 @@ export function isSamePlanar(one: PlanarField, other: PlanarField) {
       cut && [cut.sides, cut.rule, cut.shape],
     ]);
   if (words(one) !== words(other) || one.cut?.distances !== other.cut?.distances) return false;
-  return areNear(one.weights, other.weights, 0) && areNear(one.maps, other.maps, SAME_SAMPLE * Math.min(...one.spacing));
+  return (
+    areNear(one.weights, other.weights, 0) && areNear(one.maps, other.maps, SAME_SAMPLE * Math.min(...one.spacing))
+  );
 }
 
 function areNear(one: Float32Array, other: Float32Array, most: number) {
