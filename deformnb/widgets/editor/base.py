@@ -106,6 +106,7 @@ FRONT_END_TRAITS: dict[str, Callable[[Any], None]] = {
 SPACE_TRAITS: dict[str, Callable[[Any], None]] = {
     "mirror": _space_mirror,
     "snap": _length,
+    "brush_radius": _length,
     "stop_at_folds": _switch,
     "large_slice": _slice_number,
 }

@@ -165,6 +165,7 @@ class SpaceEditor(EditedPoints):
     that axis, None its middle. ``snap`` is the step of a lattice to which targets snap, 0 for none.
     ``stop_at_folds``, which is on at first, stops drags and arrow keys before they fold tissue; ``tissue`` is the mask
     of that, as documents hold it, {} where every fold counts, None where a map of more than the points is not checked.
+    ``brush_radius`` is the radius of the ball of the brushes, 0 for a share of the volume.
     ``overlay`` is "folds", which paints red on the slices where the map of the points folds, or "none"; ``show_grid``
     draws a grid that bends with them, ``density`` cells along the longest side of the volume.
     One that is ``read_only`` and has no points is a viewer of three linked slices: ``SpaceEditor(volume, before=field,
@@ -189,6 +190,7 @@ class SpaceEditor(EditedPoints):
     cursor = traitlets.Any(help="the place (x, y, z) through which the slices go").tag(sync=True)
     projection = traitlets.Enum(list(SLICE_PROJECTIONS), "slice").tag(sync=True)
     shows_original = traitlets.Bool(False).tag(sync=True)
+    brush_radius = traitlets.Float(0.0).tag(sync=True)
     stop_at_folds = traitlets.Bool(True).tag(sync=True)
     tissue: Any = traitlets.Dict({}, allow_none=True).tag(sync=True)
     overlay = traitlets.Enum(["none", "folds"], "folds").tag(sync=True)

@@ -2,12 +2,14 @@
 
 import type { Stroke } from "../maths/brushes.ts";
 import { formatLength } from "../maths/numbers.ts";
-import type { Vector2 } from "../types.ts";
+import type { Model, Vector, Vector2 } from "../types.ts";
 import { setText } from "../ui/dom.ts";
-import { EDITOR_KEYS, keyPlace } from "../ui/keys.ts";
+import { type KeyTable, keyPlace } from "../ui/keys.ts";
+import type { Frames } from "./frames.ts";
 import { BrushGesture } from "./gestures.ts";
+import type { Messages } from "./messages.ts";
 import { OptionBar } from "./option_bar.ts";
-import type { EditorParts } from "./parts.ts";
+import type { View } from "./painter.ts";
 
 const BRUSH_WORDS: Record<string, string> = { move: "Move", grow: "Grow" };
 const BRUSH_HINTS: Record<string, string> = {
@@ -19,20 +21,33 @@ const BRUSH_SHARE = 0.09; // of the picture's diagonal: the radius at first
 const BRUSH_SWELL = 120; // CSS pixels of a drag that scale the middle by e
 const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
 
-/** Dependencies of the brush on the editor. */
-export type BrushEditor = EditorParts<
-  "model" | "frames" | "messages" | "stage" | "viewport" | "picture",
-  "drag" | "strokes"
->;
+/** What a brush is used on: a picture, or slices of a volume. */
+export interface BrushHost<V extends Vector> {
+  readonly model: Model;
+  readonly frames: Frames;
+  readonly messages: Messages;
+  readonly stage: { readonly element: HTMLElement; focus(): void };
+  readonly keys: KeyTable;
+  /** The view of the picture under the pointer. */
+  readonly view: View;
+  /** Of the picture or the volume. */
+  readonly diagonal: number;
+  placeAt(at: Vector2): V;
+  /** Begin a stroke; null and a hint where none can begin. */
+  begin(place: V, radius: number, tool: string): Stroke<V> | null;
+  /** Show a stroke as it is now; false where it must not continue. */
+  paint(stroke: Stroke<V>): boolean;
+  end(isCancelled: boolean): void;
+}
 
 /** A brush in use, its circle and its bar. */
-export class Brush {
+export class Brush<V extends Vector = Vector> {
   readonly advice = "Drag in the picture; [ and ] or the wheel change the circle; Esc ends";
   tool: string | null = null;
   /** The place of the circle in CSS pixels. */
   at: Vector2 | null = null;
   from: Vector2 = [0, 0]; // the start of the stroke
-  stroke: Stroke | null = null;
+  stroke: Stroke<V> | null = null;
   isByKeys = false;
   timer = 0;
   bar: OptionBar;
@@ -40,7 +55,7 @@ export class Brush {
   slider: HTMLInputElement;
   value: HTMLSpanElement;
 
-  constructor(readonly editor: BrushEditor) {
+  constructor(readonly editor: BrushHost<V>) {
     this.bar = new OptionBar(editor, "", "Brush");
     this.title = this.bar.text();
     this.slider = this.bar.slider("radius of the brush", (value) => {
@@ -63,19 +78,14 @@ export class Brush {
     return this.tool !== null;
   }
 
-  get #diagonal() {
-    const [a0, a1, b0, b1] = this.editor.picture.box;
-    return Math.hypot(a1 - a0, b1 - b0);
-  }
-
   get #limits(): Vector2 {
-    const { k } = this.editor.viewport.view;
+    const { k } = this.editor.view;
     return [BRUSH_PIXELS[0] / k, BRUSH_PIXELS[1] / k];
   }
 
   /** In units of the picture. */
   get radius(): number {
-    return this.editor.model.get("brush_radius") || BRUSH_SHARE * this.#diagonal;
+    return this.editor.model.get("brush_radius") || BRUSH_SHARE * this.editor.diagonal;
   }
 
   setRadius(radius: number) {
@@ -142,24 +152,35 @@ export class Brush {
   }
 
   press(at: Vector2) {
-    const { editor } = this,
-      { strokes } = editor.tools;
     this.at = this.from = at;
-    const stroke = this.tool ? strokes.begin(editor.viewport.placeAt(at), this.radius, this.tool) : null;
-    if (!stroke) return;
-    this.stroke = stroke;
-    strokes.paint(stroke);
+    this.begin(this.editor.placeAt(at));
   }
 
   drag(at: Vector2) {
     this.at = at;
+    this.follow(this.editor.placeAt(at), at[0] - this.from[0] + this.from[1] - at[1]);
+  }
+
+  /** Begin a stroke at a place. */
+  begin(place: V) {
+    const stroke = this.tool ? this.editor.begin(place, this.radius, this.tool) : null;
+    if (!stroke) return;
+    this.stroke = stroke;
+    this.editor.paint(stroke);
+  }
+
+  /**
+   * Continue a stroke to a place.
+   * @param growth CSS pixels of the drag to the right and upwards
+   */
+  follow(place: V, growth: number) {
     const { stroke, editor } = this;
     editor.frames.invalidate();
     if (!stroke) return;
     const was = { points: stroke.points, middle: stroke.middle, swell: stroke.swell };
-    if (stroke.tool === "move") stroke.move(editor.viewport.placeAt(at));
-    else stroke.grow((at[0] - this.from[0] + this.from[1] - at[1]) / BRUSH_SWELL);
-    if (editor.tools.strokes.paint(stroke)) return;
+    if (stroke.tool === "move") stroke.move(place);
+    else stroke.grow(growth / BRUSH_SWELL);
+    if (editor.paint(stroke)) return;
     Object.assign(stroke, was); // no further: it would fold, or enter a rigid part
   }
 
@@ -168,7 +189,7 @@ export class Brush {
     const { stroke } = this;
     this.stroke = null;
     const isIdle = stroke.tool === "move" ? stroke.done === 0 : stroke.swell === 0;
-    this.editor.tools.drag.endDrag(isCancelled || isIdle, "brush");
+    this.editor.end(isCancelled || isIdle);
     if (!isCancelled && !isIdle) this.editor.messages.announce(`${stroke.name} done`);
   }
 
@@ -180,8 +201,9 @@ export class Brush {
    */
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const { editor } = this,
-      middle: Vector2 = [editor.viewport.view.width / 2, editor.viewport.view.height / 2];
-    const size = keyPlace(EDITOR_KEYS, "brush-radius", key);
+      { height, width } = editor.view,
+      middle: Vector2 = [width / 2, height / 2];
+    const size = keyPlace(editor.keys, "brush-radius", key);
     if (size >= 0) {
       this.grow(size ? 1 : -1);
       return true;
@@ -198,7 +220,7 @@ export class Brush {
       if (this.stroke) this.drag(next);
       else this.at = next;
       this.isByKeys = true;
-      editor.messages.announce(`brush at ${editor.viewport.placeAt(next).map(formatLength).join(", ")}`);
+      editor.messages.announce(`brush at ${editor.placeAt(next).map(formatLength).join(", ")}`);
       editor.frames.invalidate();
       return true;
     }

@@ -119,7 +119,7 @@ export class EditorView extends EditorDrawing {
     tools.strokes = new PointStrokes(parts);
     tools.bends = new BendTools(parts);
     tools.pen = new Pen(parts);
-    tools.brush = new Brush(parts);
+    tools.brush = new Brush<Vector2>(tools.strokes);
     tools.window = new WindowTool(parts);
     tools.wand = new Wand(parts);
     panels.cut = new CutBar(parts);

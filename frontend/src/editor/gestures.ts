@@ -1,7 +1,6 @@
 // The gestures of the editor of a picture of its tools, each with its tool.
 
 import type { Vector2 } from "../types.ts";
-import type { Brush } from "./brush_tool.ts";
 import { Gesture } from "./gesture.ts";
 import type { ShapeGrip } from "./hit_test.ts";
 import type { PointMirror } from "./mirror.ts";
@@ -80,7 +79,12 @@ export class PenGesture extends Gesture {
   }
 }
 
-type Stroking = Pick<Brush, "press" | "drag" | "lift" | "hover">;
+interface Stroking {
+  press(at: Vector2): void;
+  drag(at: Vector2): void;
+  lift(isCancelled: boolean): void;
+  hover(at: Vector2 | null): void;
+}
 
 export class BrushGesture extends Gesture {
   constructor(

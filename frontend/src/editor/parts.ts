@@ -59,7 +59,7 @@ export interface Tools {
   foldStop: FoldStop;
   foldOffers: FoldOffers;
   pen: Pen;
-  brush: Brush;
+  brush: Brush<Vector2>;
   wand: Wand;
   window: WindowTool;
   hits: HitTest;

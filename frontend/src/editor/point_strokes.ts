@@ -1,23 +1,58 @@
 // Strokes of brushes, which move control points.
 
-import { Stroke } from "../maths/brushes.ts";
+import { pictureFrame, Stroke } from "../maths/brushes.ts";
 import { mirrorSide, projectOnAxis } from "../maths/points.ts";
 import { findConflicts } from "../maths/rigid_stages.ts";
 import type { Vector2 } from "../types.ts";
+import { EDITOR_KEYS } from "../ui/keys.ts";
+import type { BrushHost } from "./brush_tool.ts";
 import type { EditorParts } from "./parts.ts";
 
 const BRUSH_SETTLES = 0.3; // of the radius: nearer than this to a mirror's axis a new point snaps to it
 
 /** Dependencies of strokes on the editor. */
 export type StrokeEditor = EditorParts<
-  "frames" | "messages" | "points" | "map" | "picture",
+  "model" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
   "drag" | "foldStop" | "points"
 >;
 
-export class PointStrokes {
+export class PointStrokes implements BrushHost<Vector2> {
+  readonly keys = EDITOR_KEYS;
   #side = 0; // of the mirror on which the stroke began
 
   constructor(readonly editor: StrokeEditor) {}
+
+  get model() {
+    return this.editor.model;
+  }
+
+  get frames() {
+    return this.editor.frames;
+  }
+
+  get messages() {
+    return this.editor.messages;
+  }
+
+  get stage() {
+    return this.editor.stage;
+  }
+
+  get view() {
+    return this.editor.viewport.view;
+  }
+
+  get diagonal() {
+    return pictureFrame(this.editor.picture.box).diagonal;
+  }
+
+  placeAt(at: Vector2) {
+    return this.editor.viewport.placeAt(at);
+  }
+
+  end(isCancelled: boolean) {
+    this.editor.tools.drag.endDrag(isCancelled, "brush");
+  }
 
   /** Begin a stroke; null and a hint where none can begin. */
   begin(place: Vector2, radius: number, tool: string) {
@@ -28,13 +63,13 @@ export class PointStrokes {
     if (editor.points.isLocked) return null;
     const isNear = (at: Vector2) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
     const id = editor.points.nextId();
-    const stroke = new Stroke(
+    const stroke = new Stroke<Vector2>(
       editor.points.list,
       place,
       radius,
       { tool, id },
       {
-        box: editor.picture.box,
+        frame: pictureFrame(editor.picture.box),
         reach: typeof settings.support === "number" ? settings.support : 0,
         sourceAt: (points) => editor.map.sourcesOf(points.some((p) => p.active) ? editor.map.fitOf(points) : null),
         settle: (at) => (isNear(at) ? projectOnAxis(mirror, at) : at),
@@ -54,7 +89,7 @@ export class PointStrokes {
   }
 
   /** Show the picture with a stroke as it is now; false where it must not continue. */
-  paint(stroke: Stroke) {
+  paint(stroke: Stroke<Vector2>) {
     const { editor } = this,
       { drag, points: pointTools } = editor.tools,
       { drag0 } = drag;

@@ -39,6 +39,8 @@ function zoom({ row }: SpaceCommandEditor, factor: number) {
 const COMMANDS: Record<string, Command> = {
   add: ({ modes }) => modes.setAdding(!modes.isAdding),
   select: ({ modes }) => modes.setSelecting(!modes.isSelecting),
+  move: ({ modes }) => modes.setBrush("move"),
+  grow: ({ modes }) => modes.setBrush("grow"),
   remove: ({ tools }, ids) => tools.remove(ids),
   "select-all": ({ points }) => points.select(points.list.map((p) => p.id)),
   undo: ({ points }) => points.step("undo"),

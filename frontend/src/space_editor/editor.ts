@@ -2,6 +2,7 @@
 // To Python: edit and history, by sync/edits.js; hello, look (view state), seen. From Python: pictures, error, done.
 
 import { EditorDrawing, initialize } from "../editor/base.ts";
+import { Brush } from "../editor/brush_tool.ts";
 import { EditedPoints } from "../editor/edited_points.ts";
 import { NamePrompt } from "../editor/name_prompt.ts";
 import { OVERLAYS } from "../editor/overlays.ts";
@@ -29,6 +30,7 @@ import { PaneGestures } from "./pointer.ts";
 import { PictureRequests } from "./requests.ts";
 import { SpaceMap } from "./space_map.ts";
 import { SpaceStatus } from "./status_line.ts";
+import { SpaceStrokes } from "./strokes.ts";
 import { spaceViewTools } from "./view_tools.ts";
 
 const SPACE_PROJECTIONS: Record<string, string> = {
@@ -49,6 +51,10 @@ const SPACE_GROUPS: ToolEntry[][] = [
     ["switch", "On/off", "Switch the selected points on or off", false, "selection"],
     ["lock", "Lock", "Lock the selected points, or free them", true, "selection"],
     ["reset", "Put back", "Put the selected points, or all, back where they were taken", false, "points"],
+  ],
+  [
+    ["move", "Move", "Move brush: drag what lies in its ball", true],
+    ["grow", "Grow", "Grow brush: drag right to grow what lies in its ball, left to shrink it", true],
   ],
   [
     ["undo", "Undo", "Undo", false, "past"],
@@ -126,6 +132,7 @@ export class SpaceEditorView extends EditorDrawing {
     parts.requests = new PictureRequests(model, parts.edits.id, () => frames.guard(() => this.showWaiting()));
     parts.cursor = new SliceCursor(parts);
     parts.tools = new SpacePointTools(parts);
+    parts.strokes = new SpaceStrokes(parts);
     parts.modes = new SpaceModes(parts);
     for (const k of parts.cursor.panes.keys()) {
       const pane = new SpacePane(parts, k);
@@ -133,6 +140,7 @@ export class SpaceEditorView extends EditorDrawing {
       parts.row.gestures.push(new PaneGestures(parts, pane));
     }
     parts.row.element.append(parts.row.veil);
+    parts.brush = new Brush(parts.strokes);
     parts.foldOffers = new SpaceFoldOffers(parts);
     parts.names = new NamePrompt({ frames, stage: parts.row });
     parts.help = new HelpPanel(
@@ -209,6 +217,7 @@ export class SpaceEditorView extends EditorDrawing {
       "mirror",
       "snap",
       "stop_at_folds",
+      "brush_radius",
       "settings",
       "tissue",
       "overlay",
@@ -298,20 +307,22 @@ export class SpaceEditorView extends EditorDrawing {
     const { edits, row, status } = this.parts;
     if (row.panes.map((pane) => pane.draw()).some(Boolean)) row.focus(); // no shortcut: all are drawn
     status.update();
-    this.parts.foldOffers.show();
+    for (const part of [this.parts.brush, this.parts.foldOffers]) part.show();
     this.frames.restSoon(() => {});
     if (!edits.isViewer) this.#updateToolbar();
   }
 
   #updateToolbar() {
     const { model, sender } = this,
-      { help, modes, points, toolbar, tools } = this.parts,
+      { brush, help, modes, points, toolbar, tools } = this.parts,
       { list, selected } = points;
     this.chooser.value = model.get("projection");
     this.overlays.value = model.get("overlay");
     const pressed = Object.entries({
       add: modes.isAdding,
       select: modes.isSelecting,
+      move: brush.tool === "move",
+      grow: brush.tool === "grow",
       mirror: tools.mirror.on,
       snap: tools.lattice.step > 0,
       stop: model.get("stop_at_folds"),
@@ -371,12 +382,13 @@ export class SpaceEditorView extends EditorDrawing {
 
   /** Show whether Python makes something else: nothing can be edited then, and a drag is cancelled. */
   showWaiting() {
-    const { modes, names, points, requests, row } = this.parts,
+    const { brush, modes, names, points, requests, row } = this.parts,
       { isWaiting } = points;
     if (isWaiting) {
       row.cancelGestures();
       names.end(false);
       modes.setAdding(false);
+      brush.stop();
     }
     row.showWaiting(this.model.get("waiting") || (requests.isSlow ? "Making the pictures" : ""), isWaiting);
     this.frames.invalidate();

@@ -3,6 +3,7 @@
 
 import type { StoppedDrag } from "../editor/drag_offers.ts";
 import { NEARLY_FOLDED } from "../generated.ts";
+import { placeBetween } from "../maths/points.ts";
 import { SafeShare } from "../maths/safe_share.ts";
 import type { SpacePoint } from "../types.ts";
 import type { SpaceState } from "./fold_offers.ts";
@@ -50,6 +51,18 @@ export class SpaceFoldStop {
     return map.leastOf(points, fit) < Math.min(NEARLY_FOLDED, this.#least0) - 1e-9;
   }
 
+  /**
+   * Whether a stroke of a brush must not continue to a state, while the stop is on.
+   * @param now the points up to which it is allowed
+   */
+  refusesStroke(now: SpacePoint[], wanted: SpacePoint[]) {
+    this.leave();
+    if (!this.isOn || !this.isRefused({ points: wanted })) return false;
+    this.note = "The brush stops before tissue folds";
+    this.#stopped = { make: strokeWay(now, wanted), share: 0 };
+    return true;
+  }
+
   /** Points as far as the map stays free of folds, while the stop is on: from `make(0)` to `make(1)`. */
   limit(make: (share: number) => SpacePoint[]) {
     const stateAt = (share: number): SpaceState => ({ points: make(share) }),
@@ -64,4 +77,12 @@ export class SpaceFoldStop {
     this.#stopped = { make: stateAt, share };
     return make(share);
   }
+}
+
+/** The way of a stroke that goes on from some points to others, which may be more. */
+function strokeWay(now: SpacePoint[], wanted: SpacePoint[]) {
+  const places = new Map(now.map((p) => [p.id, p.target]));
+  return (share: number): SpaceState => ({
+    points: wanted.map((p) => ({ ...p, target: placeBetween(places.get(p.id) ?? p.source, p.target, share) })),
+  });
 }

@@ -7,13 +7,13 @@ import { TURN_CODES, TURN_WAYS } from "../maths/points.ts";
 import { vectorFromPane } from "../maths/space.ts";
 import type { Vector2 } from "../types.ts";
 import { ARROWS, targetOf } from "../ui/dom.ts";
-import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
+import { commandOf, keyPlace, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
 import type { SpacePane } from "./pane.ts";
 import type { SpaceParts } from "./parts.ts";
 
 /** Dependencies of the keys on the editor. */
 export type SpaceKeysEditor = SpaceParts<
-  "messages" | "row" | "points" | "tools" | "modes" | "cursor" | "commands" | "toolbar"
+  "messages" | "row" | "points" | "tools" | "brush" | "modes" | "cursor" | "commands" | "toolbar"
 >;
 
 /** Run the command of a key anywhere in the editor; returns whether there is one. */
@@ -21,7 +21,7 @@ export function spaceKey(editor: SpaceKeysEditor, event: KeyboardEvent) {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key,
     isCommand = event.ctrlKey || event.metaKey;
   const target = targetOf(event),
-    { cursor, modes, points, tools } = editor,
+    { brush, cursor, modes, points, tools } = editor,
     fast = event.shiftKey ? 10 : 1;
   if (target.closest("input[type=text], select")) return false; // have their own keys
   const onButton = target.closest("button"),
@@ -40,6 +40,7 @@ export function spaceKey(editor: SpaceKeysEditor, event: KeyboardEvent) {
   if (onButton && key in ARROWS) return editor.toolbar.focusNext(onButton, key);
   if (onButton && (key === "Enter" || key === " ")) return false;
   if (key in ARROWS && target.closest("[data-mark]")) return mirrorKey(editor, pane, ARROWS[key]!, fast);
+  if (!onButton && !event.altKey && brush.isOn && brush.key(key, event, ARROWS[key])) return true;
   const way = TURN_WAYS[event.altKey ? TURN_CODES[event.code]! : key];
   if (way) {
     tools.turnKey(pane, way, { isLarge: event.shiftKey, isScale: event.altKey });
@@ -66,6 +67,11 @@ export function spaceKey(editor: SpaceKeysEditor, event: KeyboardEvent) {
     return true;
   }
   if (key === "Escape") return modes.escape();
+  const size = keyPlace(SPACE_EDITOR_KEYS, "brush-radius", key);
+  if (size >= 0) {
+    brush.grow(size ? 1 : -1);
+    return true;
+  }
   const command = (event.shiftKey && commandOf(SPACE_EDITOR_KEYS, `Shift+${key}`)) || commandOf(SPACE_EDITOR_KEYS, key);
   if (!command) return false;
   editor.commands.run(command === "zoom" ? (key === "-" ? "zoom-out" : "zoom-in") : command, id);

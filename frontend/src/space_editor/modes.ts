@@ -7,26 +7,45 @@ export class SpaceModes {
   isSelecting = false;
   isSpaceDown = false;
 
-  constructor(readonly editor: SpaceParts<"frames" | "messages" | "points" | "row" | "help">) {}
+  constructor(readonly editor: SpaceParts<"frames" | "messages" | "points" | "row" | "help" | "brush">) {}
 
   /**
    * Switch a mode in which all that is dragged around or clicked is added to the selection: fingers have no Shift key.
    */
   setSelecting(isSelecting: boolean) {
-    const { frames, messages } = this.editor;
-    if (isSelecting) this.setAdding(false);
+    const { brush, frames, messages } = this.editor;
+    if (isSelecting) {
+      this.setAdding(false);
+      brush.stop();
+    }
     this.isSelecting = isSelecting;
     if (isSelecting) messages.hint("Drag a band around points, or tap one after the other. Esc when done", 4000);
     frames.invalidate();
   }
 
   setAdding(isAdding: boolean) {
-    const { frames, messages, points, row } = this.editor;
-    if (isAdding) this.setSelecting(false);
+    const { brush, frames, messages, points, row } = this.editor;
+    if (isAdding) {
+      this.setSelecting(false);
+      brush.stop();
+    }
     this.isAdding = isAdding && !points.isLocked;
     row.element.classList.toggle("dnb-ed-adding", this.isAdding);
     if (this.isAdding) messages.hint("Click where a feature is, and drag it. Esc when done");
     frames.invalidate();
+  }
+
+  /** Switch a brush on or off. */
+  setBrush(tool: string) {
+    const { brush, points, row } = this.editor,
+      was = brush.tool;
+    brush.stop();
+    if (was === tool || points.isLocked) return;
+    this.setAdding(false);
+    this.setSelecting(false);
+    points.select([]);
+    brush.start(tool);
+    row.focus();
   }
 
   /** Show or hide the list of keys. The focus moves to the list, and back to where it was. */
@@ -37,8 +56,8 @@ export class SpaceModes {
 
   /** End a drag, the list of keys, a mode or the selection, one after the other; false where there is none. */
   escape() {
-    const { help, points, row } = this.editor;
-    if (row.cancelGestures()) return true;
+    const { brush, help, points, row } = this.editor;
+    if (row.cancelGestures() || brush.stop()) return true;
     if (help.isOpen) this.toggleHelp();
     else if (this.isAdding || this.isSelecting) {
       this.setAdding(false);

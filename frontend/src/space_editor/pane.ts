@@ -18,7 +18,19 @@ const PANE_MARGIN = 8; // CSS pixels around the picture
 
 /** Dependencies of a picture on the editor. */
 export type PaneEditor = SpaceParts<
-  "model" | "frames" | "theme" | "row" | "points" | "edits" | "map" | "tools" | "modes" | "cursor" | "status"
+  | "model"
+  | "frames"
+  | "theme"
+  | "row"
+  | "points"
+  | "edits"
+  | "map"
+  | "tools"
+  | "brush"
+  | "strokes"
+  | "modes"
+  | "cursor"
+  | "status"
 >;
 
 export class SpacePane {
@@ -231,16 +243,17 @@ export class SpacePane {
 
   /** Draw the handle that turns, and the plane of the mirror where it is seen from its edge. */
   #drawMarks(flat: FlatPoint[]) {
-    const { edits, modes, points, tools } = this.editor,
+    const { brush, edits, modes, points, strokes, tools } = this.editor,
       { viewport } = this,
       none = { isOn: false };
+    const isBrush = strokes.pane === this;
     this.marks.update({
       mirror: tools.mirrorIn(this.info) ?? { on: false, axis: "a", at: 0 },
       view: viewport.view,
       gripAway: 34,
       points: flat,
       selected: points.selected.size > 1 ? points.selected : new Set<number>(), // one point has nothing to turn
-      brush: none,
+      brush: { isOn: brush.isOn, at: isBrush ? brush.at : null, radius: brush.radius },
       pen: none,
       isLocked: points.isLocked,
       isHolding: edits.drag0 !== null,

@@ -1,6 +1,7 @@
 // The parts of the editor in space, and the type of those that one of them uses.
 
 import type { EditorTheme } from "../editor/base.ts";
+import type { Brush } from "../editor/brush_tool.ts";
 import type { EditedPoints } from "../editor/edited_points.ts";
 import type { Frames } from "../editor/frames.ts";
 import type { Messages } from "../editor/messages.ts";
@@ -20,6 +21,7 @@ import type { SpacePointTools } from "./point_tools.ts";
 import type { PictureRequests } from "./requests.ts";
 import type { SpaceMap } from "./space_map.ts";
 import type { SpaceStatus } from "./status_line.ts";
+import type { SpaceStrokes } from "./strokes.ts";
 
 interface Parts {
   model: Model;
@@ -34,6 +36,8 @@ interface Parts {
   /** The map of the points, as far as it is known here. */
   map: SpaceMap;
   tools: SpacePointTools;
+  brush: Brush<Vector3>;
+  strokes: SpaceStrokes;
   modes: SpaceModes;
   foldStop: SpaceFoldStop;
   foldOffers: SpaceFoldOffers;

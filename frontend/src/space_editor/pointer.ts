@@ -2,6 +2,7 @@
 
 import type { Gesture, GrabbedPoint } from "../editor/gesture.ts";
 import { BandGesture, PanGesture, PointsGesture, TapGesture, TurnGesture } from "../editor/gesture.ts";
+import { BrushGesture } from "../editor/gestures.ts";
 import { isRightClick, preventScrolling, WheelSteps } from "../editor/handles.ts";
 import { middleOf } from "../maths/points.ts";
 import { toPane } from "../maths/space.ts";
@@ -14,7 +15,18 @@ import type { SpaceParts } from "./parts.ts";
 
 /** Dependencies of the pointers on the editor. */
 export type SpacePointerEditor = SpaceParts<
-  "frames" | "messages" | "row" | "points" | "edits" | "tools" | "modes" | "cursor" | "requests" | "status"
+  | "frames"
+  | "messages"
+  | "row"
+  | "points"
+  | "edits"
+  | "tools"
+  | "brush"
+  | "strokes"
+  | "modes"
+  | "cursor"
+  | "requests"
+  | "status"
 >;
 
 /**
@@ -44,7 +56,7 @@ export class PaneGestures {
     frames.listen(svg, "pointerup", (e) => this.#up(e), options);
     frames.listen(svg, "pointercancel", (e) => this.#up(e, true), options);
     frames.listen(svg, "lostpointercapture", (e) => this.#up(e, true), options);
-    frames.listen(svg, "pointerleave", () => editor.status.showValue(null), options);
+    frames.listen(svg, "pointerleave", () => this.#leave(), options);
     frames.listen(svg, "dblclick", (e) => this.#doubleClick(e), options);
     frames.listen(svg, "contextmenu", (e) => this.#contextMenu(e), options);
     frames.listen(svg, "touchstart", (e) => this.isOthers && preventScrolling(e), active);
@@ -95,7 +107,7 @@ export class PaneGestures {
 
   /** The gesture that a press begins, or null. */
   #begin(event: PointerEvent, at: Vector2): Gesture | null {
-    const { cursor, messages, modes, points, tools } = this.editor,
+    const { brush, cursor, messages, modes, points, strokes, tools } = this.editor,
       { pane } = this,
       hit = this.#pointAt(event);
     const mark = targetOf(event).closest("[data-mark]")?.getAttribute("data-mark");
@@ -105,6 +117,11 @@ export class PaneGestures {
     if (mark === "axis") {
       pane.marks.grip.focus({ preventScroll: true });
       return new MirrorGesture(at, pane, tools);
+    }
+    if (brush.isOn) {
+      pane.stage.focus({ preventScroll: true });
+      strokes.enter(pane);
+      return new BrushGesture(at, brush, event.pointerType === "touch");
     }
     if (mark === "turn") return this.#turn(at);
     if (hit) return this.#grab(event, hit, at);
@@ -177,7 +194,12 @@ export class PaneGestures {
   #move(event: PointerEvent) {
     const at = this.#placeOf(event);
     if (this.gesture && this.pointer === event.pointerId) this.gesture.move(at, slackOf(event.pointerType), event);
-    else if (!this.gesture) this.editor.status.showValue(event.pointerType === "touch" ? null : this.pane.valueAt(at));
+    else if (!this.gesture) {
+      const { brush, status, strokes } = this.editor;
+      strokes.enter(this.pane);
+      if (brush.isOn) brush.hover(at);
+      status.showValue(event.pointerType === "touch" ? null : this.pane.valueAt(at));
+    }
   }
 
   #up(event: PointerEvent, isCancelled = false) {
@@ -185,6 +207,12 @@ export class PaneGestures {
     if (!gesture || this.pointer !== event.pointerId) return;
     this.gesture = null;
     gesture.end(isCancelled, gesture.at);
+  }
+
+  #leave() {
+    const { brush, status } = this.editor;
+    status.showValue(null);
+    if (!this.gesture && brush.isOn) brush.leave();
   }
 
   /** Undo the drag so far (Escape). Returns whether there was one. */
@@ -196,8 +224,8 @@ export class PaneGestures {
   }
 
   #doubleClick(event: MouseEvent) {
-    const { cursor, modes, points, tools } = this.editor;
-    if (points.isWaiting || modes.isSelecting) return;
+    const { brush, cursor, modes, points, tools } = this.editor;
+    if (points.isWaiting || modes.isSelecting || brush.isOn) return;
     const hit = this.#pointAt(event);
     if (hit) cursor.goTo(hit.id);
     else tools.addAt(this.pane, this.#placeOf(event));
@@ -212,7 +240,7 @@ export class PaneGestures {
 
   /** Scroll through the slices, with Ctrl zoom. The wheel scrolls the page until the editor has the focus. */
   #wheel(event: WheelEvent) {
-    const { cursor, messages, row } = this.editor,
+    const { brush, cursor, messages, row } = this.editor,
       { info, viewport } = this.pane,
       isZoom = event.ctrlKey || event.metaKey;
     if (!isZoom && !row.isInUse) {
@@ -223,6 +251,10 @@ export class PaneGestures {
     const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1,
       [x, y] = this.#placeOf(event);
     const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
+    if (brush.isOn && !isZoom) {
+      brush.grow(-delta / 60);
+      return;
+    }
     if (isZoom || !cursor.isSlice) {
       viewport.zoomAt(Math.exp(-delta * 0.004), x, y);
       return;

@@ -31,7 +31,7 @@ export class SpaceStatus {
   #notes: HTMLDivElement;
 
   constructor(
-    readonly editor: SpaceParts<"model" | "points" | "edits" | "cursor" | "foldStop">,
+    readonly editor: SpaceParts<"model" | "points" | "edits" | "brush" | "cursor" | "foldStop">,
     root: HTMLElement,
   ) {
     this.root = pageElement("div", "dnb-ed-status", root);
@@ -96,8 +96,9 @@ export class SpaceStatus {
 
   /** A next step for the user, where there is nothing to remark. */
   #advice() {
-    const { cursor, model, points } = this.editor;
+    const { brush, cursor, model, points } = this.editor;
     if (model.get("read_only")) return "These points are shown only";
+    if (brush.isOn) return brush.advice;
     if (points.list.length === 0) {
       return "Double-click adds a point; a click brings the slices there; ? for keys";
     }

@@ -1,20 +1,24 @@
 // The tools of the editor in space for the same points in a view of the volume: mirror, lattice and locks work there as
 // on the slices.
 
-import type { EditorTools, Vector3 } from "../types.ts";
+import type { EditorTools, Vector2, Vector3 } from "../types.ts";
 import { spaceKey } from "./keys.ts";
 import type { SpaceParts } from "./parts.ts";
 
 /** Dependencies of the tools for views on the editor. */
 export type SpaceViewEditor = SpaceParts<
-  "messages" | "row" | "points" | "edits" | "tools" | "modes" | "cursor" | "commands" | "toolbar"
+  "messages" | "row" | "points" | "edits" | "tools" | "brush" | "modes" | "cursor" | "commands" | "toolbar"
 >;
 
 export function spaceViewTools(editor: SpaceViewEditor): EditorTools {
-  const { edits, modes, tools } = editor;
+  const { brush, edits, modes, tools } = editor;
   return {
-    hasTool: false,
-    radius: 0,
+    get hasTool() {
+      return brush.isOn;
+    },
+    get radius() {
+      return brush.isOn ? brush.radius : 0;
+    },
     get isAdding() {
       return modes.isAdding;
     },
@@ -27,7 +31,18 @@ export function spaceViewTools(editor: SpaceViewEditor): EditorTools {
     add: (place) => tools.addPlace(tools.lattice.nodeAt(place as Vector3), null),
     remove: (ids) => tools.remove(ids),
     nudge: (ids, way) => tools.nudgePoints(ids, way as Vector3),
-    press: () => null,
+    press(place) {
+      brush.begin(place as Vector3);
+      if (!brush.stroke) return null;
+      let from: Vector2 | null = null;
+      return {
+        move(at, { clientX, clientY }) {
+          from ??= [clientX, clientY];
+          brush.follow(at as Vector3, clientX - from[0] + from[1] - clientY);
+        },
+        end: (isCancelled) => brush.lift(isCancelled),
+      };
+    },
     key: (event) => spaceKey(editor, event),
   };
 }

@@ -152,6 +152,14 @@ export const SPACE_EDITOR_KEYS: KeyTable = [
     ],
   ],
   [
+    "Brushes",
+    [
+      ["S", "move: drag what lies in its ball", { command: "move", keys: ["s"] }],
+      ["E", "grow: drag right; left shrinks", { command: "grow", keys: ["e"] }],
+      ["[ and ], wheel", "radius of the brush", { command: "brush-radius", keys: ["[", "]"] }],
+    ],
+  ],
+  [
     "Helpers",
     [
       ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],

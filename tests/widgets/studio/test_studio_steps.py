@@ -439,3 +439,14 @@ def test_everything_is_exported_whatever_was_done(studio: Studio, tmp_path: Path
     assert studio.deformation.steps == kept.steps
     assert studio.deformation.mode == kept.mode
     assert_array_equal(read_volume(tmp_path / "a.nrrd").values, studio.result().values)
+
+
+def test_a_stroke_in_space_has_its_name_in_the_history(studio: Studio) -> None:
+    studio.session.steps.add(in_space=True)
+    studio.wait()
+    space, middle = studio.editor, np.asarray(studio.volume.grid.center)
+    beside, moved = middle + np.array([0.0, 5.0, 0.0]), middle + np.array([1.0, 0.0, 0.0])
+    stroke = space.points.add(middle, moved, name="move 1").add(beside, beside, name="move 1")
+    drag(studio, stroke, "brush")
+    assert studio.session.editing.points == stroke
+    assert studio.session.editing.history_tree()[-1].label == "move 1"
