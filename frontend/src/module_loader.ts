@@ -4,6 +4,7 @@
 // is left. Here a page imports a bundle once. Its script and its style sheet are in a model of their own, which all
 // widgets of a kernel share; bundles of another version of the package have other digests.
 
+import { releaseWhenClosed } from "./sync/closed_models.ts";
 import type { Model } from "./types.ts";
 import type { AnyWidget } from "./ui/words.ts";
 
@@ -42,6 +43,7 @@ export default (): AnyWidget => {
   let widget: AnyWidget;
   return {
     async initialize(given) {
+      releaseWhenClosed(given.model);
       widget = await loadWidget(given.model);
       return widget.initialize?.(given);
     },

@@ -17,10 +17,14 @@ SHOWN = """[...document.querySelectorAll('.dnb-editor, .dnb-view')].map((element
 READY = f"""() => document.querySelectorAll('.dnb-editor').length === 1
   && !document.querySelector('.dnb-editor').deformnb?.isCounted
   && {SHOWN}.every((shown) => shown) && ({AT_REST})()"""
-# Editors and views of each run, which the page itself does not hold.
-REMEMBER = f"""() => {{
-  document.querySelector('.dnb-editor').deformnb.isCounted = true;
-  (window.runs ??= []).push({SHOWN}.map((shown) => new WeakRef(shown)));
+# Editors, views, controls and the models of widgets of each run, which the page itself does not hold.
+REMEMBER = f"""async () => {{
+  const editor = document.querySelector('.dnb-editor').deformnb;
+  editor.isCounted = true;
+  const models = await Promise.all(Object.values(editor.model.widget_manager._models));
+  const own = models.filter((model) => model.get("layout")); // others are shared
+  const controls = document.querySelectorAll(".dnb-studio select, .dnb-studio input");
+  (window.runs ??= []).push([...{SHOWN}, ...own, ...controls].map((shown) => new WeakRef(shown)));
 }}"""
 LIVING = "() => runs.map((shown) => shown.filter((reference) => reference.deref()).length)"
 
@@ -62,7 +66,7 @@ class Heap:
         return number
 
 
-def test_a_cell_that_runs_again_leaves_no_editor_view_or_context(lab: Lab, browser: Any) -> None:
+def test_a_cell_that_runs_again_leaves_no_view_model_control_or_context(lab: Lab, browser: Any) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 900})
     heap = Heap(page)
     lab.open_notebook(page, [SMALL_STUDIO])
@@ -79,7 +83,7 @@ def test_a_cell_that_runs_again_leaves_no_editor_view_or_context(lab: Lab, brows
             assert max(heap.modules) > 100 * LONGEST_LOADER
         counts.append({name: heap.count(prototype) for name, prototype in COUNTED.items()})
     living = page.evaluate(LIVING)
-    assert living[-1] >= 2
+    assert living[-1] >= 40
     assert living[:-1] == [0, 0, 0]
     assert counts[3] == counts[1]
     assert len(heap.modules) >= 5  # one for each widget

@@ -5,6 +5,8 @@
 // Python adds contents to a section that it had not made before.
 
 import type { BoxChoice } from "../generated.ts";
+import type { ViewWithChildren } from "../sync/closed_models.ts";
+import { releaseWhenClosed, removeChildViews } from "../sync/closed_models.ts";
 import type { Model } from "../types.ts";
 import { buttonElement, pageElement, setAttributes } from "../ui/dom.ts";
 import { widgetOf } from "../ui/widget.ts";
@@ -22,7 +24,7 @@ interface BoxNode {
 }
 
 /** A view of ipywidgets, as far as it is used here. */
-interface WidgetView {
+interface WidgetView extends ViewWithChildren {
   el: HTMLElement;
   luminoWidget: { processMessage: (message: object) => void };
   remove: () => void;
@@ -30,8 +32,8 @@ interface WidgetView {
 
 /** A widget manager, of which anywidget's types have less. */
 interface WidgetManager {
-  get_model: (id: string) => Promise<unknown>;
-  create_view: (model: unknown) => Promise<WidgetView>;
+  get_model: (id: string) => Promise<Model>;
+  create_view: (model: Model) => Promise<WidgetView>;
 }
 
 const BOX = ["lm-Widget", "lm-Panel", "jupyter-widgets", "widget-container", "widget-box"];
@@ -43,6 +45,11 @@ let made = 0; // elements with ids, in this page
 /** Lumino's message of this type: a widget in an element that is none of Lumino's receives it from here. */
 function notify({ luminoWidget }: WidgetView, type: string) {
   luminoWidget.processMessage({ type, isConflatable: false, conflate: () => false });
+}
+
+function removeView(view: WidgetView) {
+  view.remove();
+  removeChildViews(view);
 }
 
 /** The place of a widget: an empty comment until its view is made. */
@@ -59,9 +66,11 @@ class WidgetPlace {
 
   async #show({ widget_manager }: Model, reference: string) {
     const manager = widget_manager as unknown as WidgetManager;
-    const view = await manager.create_view(await manager.get_model(reference.replace("IPY_MODEL_", "")));
+    const model = await manager.get_model(reference.replace("IPY_MODEL_", ""));
+    releaseWhenClosed(model);
+    const view = await manager.create_view(model);
     if (this.isGone) {
-      view.remove();
+      removeView(view);
       return;
     }
     this.view = view;
@@ -77,7 +86,7 @@ class WidgetPlace {
     this.node.remove();
     if (!this.view) return;
     notify(this.view, "after-detach");
-    this.view.remove();
+    removeView(this.view);
   }
 }
 
