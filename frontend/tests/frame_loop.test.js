@@ -70,12 +70,9 @@ function played(options = {}) {
     gpu: { gl, isSoftware },
     isReady: true,
     size: [600, 450],
-    cast(name, _width, _height, _picture, { tile, pass = 0, quarter = null }) {
-      log.casts.push([clock, name, { tile, pass, quarter }]);
+    cast(name, _width, _height, _picture, { tile, pass = 0 }) {
+      log.casts.push([clock, name, { tile, pass }]);
       give(cost() * pixelCost * tile[2] * tile[3]);
-    },
-    merge() {
-      give(1);
     },
     present(name) {
       isDirty = true;

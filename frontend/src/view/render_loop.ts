@@ -1,13 +1,12 @@
-// Scheduling of the drawing: quick pictures while something moves; at rest every fourth pixel along both axes, every
-// second and then all of them, so that each pass reuses the pixels before it; then passes that are averaged. It is
-// all drawn in pieces, but shown only when it is a whole picture, smoothly enlarged.
+// Scheduling of the drawing: quick pictures while something moves; at rest all pixels, and then passes that are averaged.
+// It is all drawn in pieces, but shown only when it is a whole picture, smoothly enlarged.
 // Never more than one piece of work is in flight, so the next movement waits for that piece only.
 // The view consists of pictures side by side, or of alternating layers; each has a place and a camera.
 // A browser whose canvas has changed waits, as it puts its next frame together, for all that the GPU was given: so the
 // canvas changes when the GPU has nothing left to do, and receives no more until that frame is in flight.
 
 import type { Vector2, Vector4 } from "../types.ts";
-import type { Quarter, RayCaster } from "../webgl/raycaster.ts";
+import type { RayCaster } from "../webgl/raycaster.ts";
 import type { Picture } from "../webgl/types.ts";
 
 /** X, y, width and height in pixels, from the lower left */
@@ -24,7 +23,7 @@ export interface Rush {
 }
 
 /** Of a full picture */
-export type Piece = { picture: Picture; at: Tile; quarter: Quarter | null };
+export type Piece = { picture: Picture; at: Tile };
 
 /** A whole picture of one layer, out of the full one under way */
 export interface Stage {
@@ -33,8 +32,6 @@ export interface Stage {
   pieces: Piece[];
   /** The picture that is complete then */
   shows: string;
-  /** The quarters that it is assembled from */
-  merged: { from: string; stride: number } | null;
 }
 
 /** A full picture under way */
@@ -62,9 +59,6 @@ const KNOWN_COSTS = 5; // of quick pictures, whose median counts: a single slow 
 const FITS_EASILY = 0.75,
   EXCEEDS = 1.3; // of the time: between the two the scale stays, or the picture would flicker
 const ANSWER_MS = 1000; // after a drag: what changes within that time is an answer to it, and no movement follows
-const SHOW_MS = 150; // of work, after which a first whole picture at rest is due
-const LONGEST_STRIDE = 4; // a quick picture of a slow volume has about every fourth
-const FINER = 1.2; // than the quick picture by at least so much, or the first at rest shows nothing new
 const MOST_PIECES = 3; // each waits for its turn at the GPU: many small ones take longer than they save
 // [milliseconds, passes]: the faster a full picture, the more of them are averaged; without a GPU the processors have
 // other work to do.
@@ -118,8 +112,8 @@ class QuickScale {
 class FullPlan {
   cost: number; // ms for a pixel, measured as soon as there is one
 
-  constructor(readonly quick: QuickScale) {
-    this.cost = quick.isSoftware ? 2e-3 : 2e-5;
+  constructor(isSoftware: boolean) {
+    this.cost = isSoftware ? 2e-3 : 2e-5;
   }
 
   /** Pieces differ: empty corners cost nothing. Learn slowly, so that a full piece does not take a second. */
@@ -127,70 +121,24 @@ class FullPlan {
     this.cost = Math.max(1e-6, 0.6 * this.cost + 0.4 * (ms / Math.max(1, pixels)));
   }
 
-  /** The whole pictures of a pass, those of the layer that is seen first. */
-  stages(pictures: Picture[], size: Vector2, layer: number, isFirst: boolean): Stage[] {
+  /** The whole pictures of a pass; first that of the layer that is seen. */
+  stages(pictures: Picture[], size: Vector2, layer: number): Stage[] {
     const layers = [...new Set(pictures.map((p) => p.layer))].sort((a) => (a === layer ? -1 : 1));
-    return layers.flatMap((one) => {
+    return layers.map((one) => {
       const own = pictures.filter((p) => p.layer === one);
-      return this.#layerStages(one, own, size, isFirst && one === layer ? this.#firstStride(own, size) : 1);
+      return { layer: one, pieces: this.#pieces(own, size), shows: `full${one}` };
     });
   }
 
-  /** The stride of the first whole picture at rest: it has as many pixels as are drawn within SHOW_MS. */
-  #firstStride(pictures: Picture[], [, height]: Vector2) {
-    const { quick } = this,
-      whole = pictures.reduce((sum, p) => sum + p.width, 0) * height * Math.max(this.cost, quick.cost);
-    let stride = 1;
-    while (stride < LONGEST_STRIDE && whole > SHOW_MS * stride ** 2) stride *= 2;
-    while (stride > 1 && FINER * quick.scale * stride > 1) stride /= 2;
-    return stride;
-  }
-
-  /**
-   * The whole pictures of a layer, one after the other: every stride-th pixel, every half as far, and so on to all.
-   */
-  #layerStages(layer: number, pictures: Picture[], size: Vector2, stride: number): Stage[] {
-    const name = (s: number) => (s > 1 ? `stride${s}of${layer}` : `full${layer}`);
-    const pieces = (s: number, places: Vector2[]) =>
-      this.#pieces(
-        pictures,
-        size,
-        places.map(([x, y]) => ({ stride: s, x, y })),
-      );
-    if (stride === 1) return [{ layer, pieces: this.#pieces(pictures, size, [null]), shows: name(1), merged: null }];
-    const stages: Stage[] = [{ layer, pieces: pieces(stride, [[0, 0]]), shows: name(stride), merged: null }];
-    for (let s = stride; s > 1; s /= 2) {
-      const others: Vector2[] = [
-        [1, 1],
-        [1, 0],
-        [0, 1],
-      ];
-      stages.push({ layer, pieces: pieces(s, others), shows: name(s / 2), merged: { from: name(s), stride: s } });
-    }
-    return stages;
-  }
-
-  /**
-   * Pieces of pictures or of quarters of them; those of one place follow each other, since their rays
-   * meet the same voxels.
-   */
-  #pieces(pictures: Picture[], [w, h]: Vector2, quarters: (Quarter | null)[]) {
+  #pieces(pictures: Picture[], [w, h]: Vector2) {
     const side = Math.round(Math.sqrt(TILE_MS / this.cost));
     const most = Math.max(16, Math.min(Math.max(w, h), side));
     const pieces: Piece[] = [];
     for (const picture of pictures) {
-      const stride = quarters[0]?.stride ?? 1;
-      for (let y = 0; y < h; y += most * stride) {
-        for (let x = picture.x; x < picture.x + picture.width; x += most * stride) {
-          const right = Math.min(x + most * stride, picture.x + picture.width),
-            top = Math.min(y + most * stride, h);
-          for (const quarter of quarters) {
-            const before = (n: number, part: number) => Math.ceil((n - (part * stride) / 2) / stride);
-            const { x: column, y: row } = quarter ?? { x: 0, y: 0 };
-            const [left, low] = [before(x, column), before(y, row)];
-            const [width, height] = [before(right, column) - left, before(top, row) - low];
-            if (width > 0 && height > 0) pieces.push({ picture, at: [left, low, width, height], quarter });
-          }
+      const right = picture.x + picture.width;
+      for (let y = 0; y < h; y += most) {
+        for (let x = picture.x; x < right; x += most) {
+          pieces.push({ picture, at: [x, y, Math.min(most, right - x), Math.min(most, h - y)] });
         }
       }
     }
@@ -380,7 +328,7 @@ export class FrameLoop {
   ) {
     this.screen = new ShownLayers(caster, pictures);
     this.quick = new QuickScale(caster.gpu.isSoftware);
-    this.full = new FullPlan(this.quick);
+    this.full = new FullPlan(caster.gpu.isSoftware);
     this.turns = new GpuTurns(caster.gpu.gl, () => this.#step());
   }
 
@@ -503,7 +451,7 @@ export class FrameLoop {
   #begin(last: Work | null): Work {
     const { screen, size } = this,
       pictures = last ? last.pictures : screen.choosePictures(size),
-      stages = this.full.stages(pictures, size, screen.layer, last === null),
+      stages = this.full.stages(pictures, size, screen.layer),
       { pass, spent, passes } = last ?? { pass: -1, spent: 0, passes: 1 };
     this.work = { pass: pass + 1, stages, pictures, size, spent, passes };
     return this.work;
@@ -520,15 +468,13 @@ export class FrameLoop {
       return;
     }
     if (!stage) return;
-    const name = stage.merged?.from ?? stage.shows;
     let pixels = 0;
     while (pixels * this.full.cost < TILE_MS) {
       const piece = stage.pieces.pop();
       if (!piece) break;
-      this.caster.cast(name, w, h, piece.picture, { tile: piece.at, pass: work.pass, quarter: piece.quarter });
+      this.caster.cast(stage.shows, w, h, piece.picture, { tile: piece.at, pass: work.pass });
       pixels += piece.at[2] * piece.at[3];
     }
-    if (stage.pieces.length === 0 && stage.merged) this.caster.merge(name, stage.shows, w, h, stage.merged.stride);
     this.turns.wait((ms) => {
       this.full.learn(ms, pixels);
       if (this.work !== work) return false;

@@ -1,21 +1,16 @@
 // One WebGL2 context: its programs, its textures, and the pictures that are drawn into.
 
-import type { Vector2 } from "../types.ts";
 import { VERTEX } from "./ray_shader.ts";
 
 /** The location of a program's uniform; null where the program has none of that name. */
 export type Uniforms = (name: string) => WebGLUniformLocation | null;
 export type Program = { program: WebGLProgram; at: Uniforms };
-/**
- * A picture to draw into. `extent`: its pixels that are shown, which may be a fraction; `start`: where they begin.
- */
+/** A picture to draw into. */
 export type Target = {
   width: number;
   height: number;
   texture: WebGLTexture;
   buffer: WebGLFramebuffer;
-  extent: Vector2;
-  start: number;
 };
 
 export const UNITS = {
@@ -157,25 +152,19 @@ export class Gpu {
     return this.programs[key];
   }
 
-  /** A picture to draw into, created again when its size changes. With a stride it holds quarters, side by side. */
-  target(name: string, width: number, height: number, stride = 1) {
+  /** A picture to draw into, created again when its size changes. */
+  target(name: string, width: number, height: number) {
     const gl = this.gl,
       old = this.targets[name];
-    const side = (n: number) => (stride > 1 ? 2 * Math.ceil(n / stride) : n),
-      [w, h] = [side(width), side(height)];
-    const shown: Pick<Target, "extent" | "start"> = {
-      extent: [width / stride, height / stride],
-      start: 0.5 - 0.5 / stride,
-    };
-    if (old && old.width === w && old.height === h) return Object.assign(old, shown);
+    if (old && old.width === width && old.height === height) return old;
     if (old) {
       gl.deleteTexture(old.texture);
       gl.deleteFramebuffer(old.buffer);
     }
-    const target = { width: w, height: h, texture: gl.createTexture(), buffer: gl.createFramebuffer(), ...shown };
+    const target = { width, height, texture: gl.createTexture(), buffer: gl.createFramebuffer() };
     gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
     gl.bindTexture(gl.TEXTURE_2D, target.texture);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, this.floats ? gl.RGBA16F : gl.RGBA8, w, h);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, this.floats ? gl.RGBA16F : gl.RGBA8, width, height);
     for (const kind of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, kind, gl.LINEAR);
     for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);

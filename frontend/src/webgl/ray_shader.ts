@@ -20,7 +20,7 @@ uniform sampler3D cells;       // of the result: rings of empty cells around eac
 uniform sampler3D ambience;    // how much light reaches a place
 uniform sampler2D table;       // colour and opacity of one step
 uniform vec3 eye, right, up, ahead; uniform float bend;
-uniform vec2 place, resolution, shift; uniform float phase, stride;
+uniform vec2 place, resolution, shift; uniform float phase;
 uniform vec3 boxLow, boxHigh, toTexture, toTexture0, cellCount, toCells, toCells0;
 uniform vec3 middle;           // of the visible box when nothing is cut away
 #ifdef CLIPPED
@@ -69,7 +69,7 @@ float grain(vec2 pixel) {
 }
 
 void main() {
-  vec2 pixel = gl_FragCoord.xy * stride - place; // of this picture, which may be one of two side by side
+  vec2 pixel = gl_FragCoord.xy - place; // of this picture, which may be one of two side by side
   vec2 at = (pixel + shift) / resolution * 2. - 1.;
   vec3 start = eye + at.x * right + at.y * up, ray = ahead;
   float nearest = -1e30;
@@ -243,25 +243,15 @@ void main() {
   color = vec4(there);
 }`;
 
-// Interleaves the pixels of four quarters, which are side by side.
-export const MERGE = `#version 300 es
-precision highp float; precision highp int;
-uniform highp sampler2D picture; uniform ivec2 size;
-out vec4 color;
-void main() {
-  ivec2 p = ivec2(gl_FragCoord.xy);
-  color = texelFetch(picture, (p >> 1) + (p & 1) * size, 0);
-}`;
-
 // Composites the picture over the background: a light that falls off towards the corners, so that dark bodies stand out. A
 // smaller picture is enlarged by the cubic of Mitchell and Netravali (1988), without its four corners, which are small.
 export const PRESENT = `#version 300 es
 precision highp float;
 uniform sampler2D picture, second; uniform float share; // opacity of the second picture over the first
-uniform vec2 extent, secondExtent, resolution; uniform float start, secondStart, parts; uniform vec3 centre, corner;
+uniform vec2 extent, secondExtent, resolution; uniform float parts; uniform vec3 centre, corner;
 out vec4 color;
 vec4 look(sampler2D seen, vec2 extent, vec2 t) {
-  return textureLod(seen, clamp(t, vec2(.5), ceil(extent) - .5) / vec2(textureSize(seen, 0)), 0.);
+  return textureLod(seen, clamp(t, vec2(.5), extent - .5) / vec2(textureSize(seen, 0)), 0.);
 }
 vec4 smoothly(sampler2D seen, vec2 extent, vec2 t) {
   vec2 base = floor(t - .5) + .5, f = t - base;
@@ -273,13 +263,13 @@ vec4 smoothly(sampler2D seen, vec2 extent, vec2 t) {
     + look(seen, extent, vec2(mid.x, high.y)) * w12.x * w3.y;
   return clamp(sum / (w12.x + w12.y - w12.x * w12.y), 0., 1.);
 }
-vec4 at(sampler2D seen, vec2 extent, float start) {
-  vec2 t = gl_FragCoord.xy / resolution * extent + start;
+vec4 at(sampler2D seen, vec2 extent) {
+  vec2 t = gl_FragCoord.xy / resolution * extent;
   return extent.x < resolution.x ? smoothly(seen, extent, t) : look(seen, extent, t);
 }
 void main() {
   vec2 place = gl_FragCoord.xy / resolution;
-  vec4 c = at(picture, extent, start), over = share > 0. ? at(second, secondExtent, secondStart) : c;
+  vec4 c = at(picture, extent), over = share > 0. ? at(second, secondExtent) : c;
   vec2 d = (vec2(fract(place.x * parts), place.y) - vec2(.5, .56)) * vec2(1.1, 1.25);
   vec3 behind = mix(centre, corner, smoothstep(0., .62, dot(d, d) * 1.6));
   behind += (fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(.06711056, .00583715)))) - .5) / 255.;

@@ -2,22 +2,16 @@
 // It has no widget and no pointer; all inputs are arrays and numbers.
 
 import { perAxis } from "../maths/axes.ts";
-import { mapVector } from "../maths/camera.ts";
 import { type Clip, clipSides, leftOf } from "../maths/clipping.ts";
 import type { Sides, Vector2, Vector3, Vector4 } from "../types.ts";
 import { CELL, emptyCells, QUICK_CELL } from "./empty_space.ts";
 import { type CastFields, FieldTextures } from "./field_textures.ts";
 import { Gpu, type Target, UNITS, type Uniforms } from "./gpu.ts";
-import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES } from "./ray_shader.ts";
+import { FRAGMENT, PRESENT, SIDE_SAMPLES, SIDES } from "./ray_shader.ts";
 import type { CastVolume, ColorTable, Picture, RayCamera } from "./types.ts";
 import { OPACITY_SHARE, opacityOfByte, STEEPEST } from "./volume_blocks.ts";
 import { VoxelTextures } from "./voxel_textures.ts";
 
-/**
- * One of the four pictures that, pixel by pixel in turn, make a picture of half the stride: it has every stride-th pixel
- * along both axes, from x, y (0 or 1) times half the stride.
- */
-export type Quarter = { stride: number; x: number; y: number };
 /**
  * Cells that rays may skip: their inputs, how many there are, the edges of one, and where they begin.
  */
@@ -165,9 +159,7 @@ export class RayCaster {
 
   /**
    * Cast rays into a picture of that name; only where it isReady. tile: [x, y, width, height] in pixels from the lower
-   * left, of the quarter where one is drawn. pass: 0 replaces, n > 0 averages with the n passes before it. A quarter has
-   * the rays of the whole picture, each as it is there.
-   * @param width of the whole picture
+   * left. pass: 0 replaces, n > 0 averages with the n passes before it.
    */
   cast(
     name: string,
@@ -178,12 +170,10 @@ export class RayCaster {
       tile = null,
       pass = 0,
       coarseness = 1,
-      quarter = null,
     }: {
       tile?: Vector4 | null;
       pass?: number;
       coarseness?: number;
-      quarter?: Quarter | null;
     } = {},
   ) {
     const { gpu, fields } = this,
@@ -193,8 +183,7 @@ export class RayCaster {
     if (!volume || !table) throw new Error("nothing to draw");
     const shown: CastFields = original ? { planar: null, space: null } : fields,
       whole = picture.whole ?? picture;
-    const { stride, x, y } = quarter ?? { stride: 1, x: 0, y: 0 };
-    const target = gpu.target(name, width, height, stride);
+    const target = gpu.target(name, width, height);
     const finest = Math.min(...volume.spacing),
       pixel = (2 * Math.hypot(...camera.up)) / height;
     const step = coarseness * Math.max(finest * 0.7, Math.min(pixel, 2 * finest));
@@ -202,11 +191,7 @@ export class RayCaster {
     const at = gpu.use(this.#program(shown), target);
     gpu.setSamplers(at);
     this.#setCamera(at, camera, whole.width, height, pass);
-    const [left, low] = [x * (target.width / 2), y * (target.height / 2)];
-    // A pixel at (n + 1/2, m + 1/2) of the quarter is the one at (stride n + x stride / 2 + 1/2, ...) of the whole.
-    const before = (from: number, part: number) => (from + 0.5) * stride - (part * stride) / 2 - 0.5;
-    gl.uniform1f(at("stride"), stride);
-    gl.uniform2f(at("place"), whole.x + before(left, x), before(low, y));
+    gl.uniform2f(at("place"), whole.x, 0);
     this.#setVolumeNumbers(at, volume, table, step, original ? volume.ownBox : volume.box);
     const {
       name: unit,
@@ -235,7 +220,7 @@ export class RayCaster {
     }
     const [tx, ty, tw, th] = tile ?? [picture.x, 0, picture.width, height];
     gl.enable(gl.SCISSOR_TEST);
-    gl.scissor(left + tx, low + ty, tw, th);
+    gl.scissor(tx, ty, tw, th);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.disable(gl.BLEND);
     gl.disable(gl.SCISSOR_TEST);
@@ -326,29 +311,8 @@ export class RayCaster {
   }
 
   /**
-   * Put four quarters together: the first of the quarters of half the stride, or the whole picture.
-   * @param width of the whole picture
-   * @param stride of the quarters
-   */
-  merge(from: string, to: string, width: number, height: number, stride: number) {
-    const { gpu } = this,
-      { gl } = gpu,
-      { texture, ...quarters } = gpu.targets[from]!,
-      next = stride / 2,
-      { buffer } = gpu.target(to, width, height, next);
-    const at = gpu.use(gpu.program("merge", MERGE), {
-      width: Math.ceil(width / next),
-      height: Math.ceil(height / next),
-      buffer,
-    });
-    gpu.setPicture(at, "picture", texture);
-    gl.uniform2i(at("size"), quarters.width / 2, quarters.height / 2);
-    gl.drawArrays(gl.TRIANGLES, 0, 3);
-  }
-
-  /**
    * Show a picture on the canvas, over the background; one that has parts side by side has it behind each. What has
-   * fewer pixels than the canvas is enlarged smoothly, and of quarters the first is shown. `isQuick`: the canvas gets
+   * fewer pixels than the canvas is enlarged smoothly. `isQuick`: the canvas gets
    * the size of the picture, and the browser enlarges it: without a GPU that takes a tenth of the time.
    * @param name null: the background alone
    * @param options `over` is another picture, `share` how much of it is laid over the first
@@ -365,22 +329,20 @@ export class RayCaster {
     const { gpu } = this,
       { gl, targets } = gpu,
       ground = BACKGROUNDS[this.background];
-    const [width, height] = name && isQuick ? mapVector(targets[name]!.extent, Math.ceil) : this.size;
+    const [width, height] = name && isQuick ? [targets[name]!.width, targets[name]!.height] : this.size;
     gpu.fit(width, height);
-    const nothing: Pick<Target, "extent" | "start"> & { texture: WebGLTexture | null } = {
+    const nothing: Pick<Target, "width" | "height"> & { texture: WebGLTexture | null } = {
       texture: null,
-      extent: [width, height],
-      start: 0,
+      width,
+      height,
     };
     const first = name ? targets[name]! : nothing,
       second = over ? targets[over]! : first,
       at = gpu.use(gpu.program("present", PRESENT), null);
     gpu.setPicture(at, "picture", first.texture);
-    gl.uniform2f(at("extent"), ...first.extent);
-    gl.uniform1f(at("start"), first.start);
+    gl.uniform2f(at("extent"), first.width, first.height);
     gpu.setPicture(at, "second", second.texture);
-    gl.uniform2f(at("secondExtent"), ...second.extent);
-    gl.uniform1f(at("secondStart"), second.start);
+    gl.uniform2f(at("secondExtent"), second.width, second.height);
     gl.uniform1f(at("share"), over ? share : 0);
     gl.uniform2f(at("resolution"), width, height);
     gl.uniform1f(at("parts"), parts);
