@@ -11,7 +11,7 @@ export type KeyTable = [title: string, rows: KeyRow[]][];
 const MANY_KEYS: KeyRow[] = [
   ["Drag a disc", "move a feature"],
   ["Drag a ring", "where it was taken"],
-  ["Alt + drag", "move both"],
+  ["Alt + drag, arrows", "move both"],
   ["Del, right click", "delete", { command: "remove", keys: ["Delete", "Backspace"] }],
   ["Home", "put back", { command: "reset", keys: ["Home"] }],
   ["O", "switch on or off", { command: "switch", keys: ["o"] }],
