@@ -20,6 +20,7 @@ from deformnb.document.deformation import Step
 from deformnb.document.json_regions import region_to_data
 from deformnb.imaging.projection import project
 from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.rbf.regions import HalfSpace
 from deformnb.volume.colour_maps import COLOUR_MAPS, colour_table
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, levels
@@ -99,6 +100,12 @@ class Pane:
     def depth_of(self, place: ArrayLike) -> float:
         """Depth of a place in space, at most on the last slice."""
         return float(np.clip(self.plane.to_plane(place)[2], *self.depths))
+
+    def behind(self, place: ArrayLike) -> HalfSpace:
+        """All that lies behind the slice through a place."""
+        x, y, z = np.asarray(place, dtype=np.float64).tolist()
+        u, v, w = self.plane.normal
+        return HalfSpace((x, y, z), (-u, -v, -w))
 
     def info(self) -> dict[str, Any]:
         """Geometry of the pane for the front end."""

@@ -191,7 +191,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
     output = OutputCheck(s.session, s.guard, s.worker)
     diagnostics = DiagnosticsUpdates(s.session, s.guard, s.editors, s.worker)
     points = LatePanel(PointsPanel, s.session, s.guard, s.editors, s.worker)
-    shapes = LatePanel(ShapesPanel, s.session, s.guard, s.editors.plane, s.given.labels, s.given.label_names, s.folder)
+    shapes = LatePanel(ShapesPanel, s.session, s.guard, s.editors, s.given.labels, s.given.label_names, s.folder)
     fit = LatePanel(FitPanel, s.session, s.guard, s.editors, s.folder, s.given.target)
     thompson = LatePanel(ThompsonPanel, s.session, s.guard, s.editors.plane, s.folder)
     folded: list[LatePanel[Any]] = [points, shapes, fit, thompson]

@@ -312,6 +312,13 @@ def test_a_rigid_part_in_space_stays_where_it_is(volume: Volume, points: Control
     editor.close()
 
 
+@pytest.mark.parametrize("view", list(PANES))
+def test_behind_the_slice_is_where_the_wheel_goes(volume: Volume, view: str) -> None:
+    pane, place = Pane.of(volume.grid, view), np.asarray(volume.grid.center)
+    at = pane.plane.from_plane(pane.plane.to_plane(place) + np.array([[1.0, 2.0, 3.0], [2.0, -1.0, -3.0]]))
+    np.testing.assert_allclose(pane.behind(place).signed_distance(at), [-3.0, 3.0], atol=1e-9)
+
+
 def test_parts_and_cuts_are_marked_where_they_are_on_a_slice(volume: Volume, points: ControlPoints) -> None:
     ground = RigidPart(HalfSpace((0.0, 0.0, 16.0), (0.0, 0.0, 1.0)))
     away = RigidPart(HalfSpace((8.0, 0.0, 0.0), (1.0, 0.0, 0.0)), RigidMotion(np.eye(3), np.array([4.0, 0, 0])))

@@ -450,3 +450,30 @@ def test_a_stroke_in_space_has_its_name_in_the_history(studio: Studio) -> None:
     drag(studio, stroke, "brush")
     assert studio.session.editing.points == stroke
     assert studio.session.editing.history_tree()[-1].label == "move 1"
+
+
+def test_a_cut_and_a_fixed_side_lie_at_the_slice(studio: Studio) -> None:
+    studio.session.steps.add(in_space=True)
+    studio.wait()
+    shapes, space = panel(studio, "Rigid parts and cuts"), studio.editor
+    buttons = buttons_of(shapes.box)
+    middle = np.asarray(studio.volume.grid.center)
+    space.large_slice, space.cursor = 1, (middle + np.array([0.0, 2.0, 0.0])).tolist()  # coronal: y grows behind it
+    buttons["Cut at the slice"].click()
+    (cut,) = studio.session.editing.step.cuts
+    sides = middle + np.array([[0.0, 1.0, 3.0], [0.0, 3.0, -2.0]])
+    assert (cut.region.signed_distance(sides) < 0).tolist() == [False, True]
+    along = np.array([2.0, 0.0, 0.0])
+    points = space.points.add(sides[0], sides[0] + along).add(sides[1], sides[1] - along)
+    drag(studio, points, "add")
+    field = studio.session.editing.step.field(studio.volume.grid)
+    near = middle + np.array([[0.0, 1.9, 3.0], [0.0, 2.1, -2.0]])
+    assert np.sign(field.displacement(near)[:, 0]).tolist() == [-1, 1]  # backward: the sides go apart along x
+    studio.undo()
+    studio.undo()
+    assert not studio.session.editing.step.cuts
+    buttons["Fixed side"].click()
+    (part,) = studio.session.editing.step.parts
+    assert part.name == "fixed side"
+    assert part.region == cut.region
+    assert space.tissue is None  # Python alone checks the map now

@@ -23,6 +23,7 @@ from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, row
+from deformnb.widgets.editor.space_slices import PANES, Pane
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.messages.shapes import track_index
 from deformnb.widgets.studio.controls import Guard, Panel, button, menu, slider, widget_of
@@ -310,8 +311,8 @@ _EMPTY = (
     "point on each side. A rigid part stays undeformed: draw around it."
 )
 _EMPTY_SPACE = (
-    "Nothing yet. In space a part or a cut is a fixed side, a label, or made in Python: "
-    "studio.session.editing.change(cuts=[...]). The pen and the wand need a picture: choose a side over it."
+    "Nothing yet. In space a cut and a fixed side lie at the large slice, and a label can be either. The pen and the "
+    "wand need a picture: choose a side over it."
 )
 _FIXED_AT = 0.1  # share of the picture's height, from below
 
@@ -321,7 +322,7 @@ class ShapesPanel(Panel):
 
     Parameters
     ----------
-    editor : on whose picture shapes are drawn.
+    editors : ``plane`` is the editor on whose picture shapes are drawn, ``current`` that of the step being edited.
     labels : a volume of numbered parts to take regions from, names : the names of the numbers.
     folder : where other label volumes are opened by name.
     """
@@ -332,13 +333,13 @@ class ShapesPanel(Panel):
         self,
         session: Session,
         guard: Guard,
-        editor: Any,
+        editors: Any,
         labels: Volume | None = None,
         names: Mapping[int, str] | None = None,
         folder: str | PathLike[str] = ".",
     ) -> None:
         super().__init__(session, guard)
-        self._editor = editor
+        self._editors, self._editor = editors, editors.plane
         self._chosen: tuple[str, int] | None = None
         self._listed: dict[str, tuple[Any, ...]] = {"cut": (), "part": ()}  # the list of the chosen row
         self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
@@ -354,18 +355,23 @@ class ShapesPanel(Panel):
             self._ends_of,
             self._set_ends,
         )
-        self.part = PartControls(session, guard, self._part_index, editor)
+        self.part = PartControls(session, guard, self._part_index, self._editor)
         self._drawing = self._draw_buttons()
+        self._cut_slice = button(
+            "Cut at the slice",
+            "What lies before the large slice and what lies behind it can be dragged apart",
+            lambda: guard(lambda: self.add_regions("cut", [("cut at a slice", self._behind_slice())])),
+        )
         fixed = button(
             "Fixed side",
-            "All below a level stays fixed",
+            "All below a level stays fixed; in space, all behind the large slice",
             lambda: guard(lambda: self.add_regions("part", [("fixed side", self._fixed_side())])),
         )
         self.labels = LabelChooser(session, guard, self.add_regions, folder, labels, names)
-        more = row(*self._drawing, fixed)
+        more = row(*self._drawing, self._cut_slice, fixed)
         self.box = column(self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box)
-        editor.observe(self._follow_choice, "chosen_shape")
-        self._follow_choice({"new": editor.chosen_shape})  # before the panel was made
+        self._editor.observe(self._follow_choice, "chosen_shape")
+        self._follow_choice({"new": self._editor.chosen_shape})  # before the panel was made
         self.refresh()
 
     def _draw_buttons(self) -> list[Any]:
@@ -430,6 +436,7 @@ class ShapesPanel(Panel):
         self.labels.refresh()
         for widget in self._drawing:
             basic.set_visible(widget, step.plane is not None)
+        basic.set_visible(self._cut_slice, step.plane is None)
 
     def _follow(self) -> None:
         """Let the chosen row stay with its shape. The first one is chosen, and none in the place of one that goes."""
@@ -510,16 +517,18 @@ class ShapesPanel(Panel):
                 self._editor.choose(f"{what}s", index)
 
     def _fixed_side(self) -> HalfSpace:
-        """All below a level near the lower edge of the picture, or of the volume."""
-        corners = self.session.volume.grid.corners()
+        """All below a level near the lower edge of the picture; in space, all behind the large slice."""
         plane = self.session.editing.step.plane
         if plane is None:
-            low, high = corners.min(axis=0), corners.max(axis=0)
-            middle = (low + high) / 2
-            return HalfSpace((middle[0], middle[1], low[2] + _FIXED_AT * (high[2] - low[2])), (0.0, 0.0, 1.0))
-        flat = plane.to_plane(corners)[:, :2]
+            return self._behind_slice()
+        flat = plane.to_plane(self.session.volume.grid.corners())[:, :2]
         low, high = flat.min(axis=0), flat.max(axis=0)
         return HalfSpace(((low[0] + high[0]) / 2, high[1] - _FIXED_AT * (high[1] - low[1])), (0.0, -1.0))
+
+    def _behind_slice(self) -> HalfSpace:
+        """All behind the large slice of a step in space, of the first one where none is large."""
+        editor = self._editors.current
+        return Pane.of(editor.volume.grid, list(PANES)[max(0, editor.large_slice)]).behind(editor.cursor)
 
 
 def _name(what: str, k: int, shape: Any) -> str:

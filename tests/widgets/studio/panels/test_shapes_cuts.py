@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ def done(action: Any) -> bool:
 
 def test_a_cut_ends_here_or_goes_on_to_the_border() -> None:
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
-    panel = ShapesPanel(session, done, Editor(None))
+    panel = ShapesPanel(session, done, SimpleNamespace(plane=Editor(None)))
     session.editing.change(cuts=[Cut(Line([(3, 2), (4, 8)]), "incision")])
     panel.refresh()
     (ends,) = (c.widget for c in panel.controls if c.widget.description == "Cut's ends")
