@@ -19,7 +19,7 @@ _THREADS = (
 )
 
 
-_COMMANDS = ("latency", "drags", "studio", "start", "prediction", "chunked", "classroom", "gpu")
+_COMMANDS = ("latency", "drags", "studio", "memory", "start", "prediction", "chunked", "classroom", "gpu")
 """Modules of this package with a separate command line."""
 
 
@@ -31,7 +31,7 @@ def main() -> int:
         prog="python -m benchmarks",
         description=__doc__,
         epilog="In a browser: python -m benchmarks latency --help, ... drags --help, ... studio --help, ... "
-        "start --help; on a GPU: ... gpu --help; of volumes larger than memory: "
+        "memory --help, ... start --help; on a GPU: ... gpu --help; of volumes larger than memory: "
         "... chunked --help; of errors: ... prediction; of the memory of a class: "
         "... classroom --help",
     )

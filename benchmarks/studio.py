@@ -149,7 +149,7 @@ def measure(case: str, trees: dict[str, Path], options: argparse.Namespace, fold
     lab = None if options.application else make_lab(own)
     tabs: dict[str, StudioTab] = {}
     with sync_playwright() as p:
-        port = _free_port()
+        port = free_port()
         browser = p.chromium.launch(
             executable_path=chromium_path(),
             headless=True,
@@ -181,7 +181,8 @@ def measure(case: str, trees: dict[str, Path], options: argparse.Namespace, fold
     return found
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A port for the browser's protocol."""
     import socket
 
     with socket.socket() as free:

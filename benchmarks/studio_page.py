@@ -147,7 +147,7 @@ class StudioTab:
             host.place = f"{own}/"
             host.open_notebook(self.page, [studio_cases.cell(case, checkout, size)], f"{own}.ipynb")
             self.page.evaluate("() => jupyterapp.commands.execute('notebook:hide-all-cell-code')")
-        self.page.wait_for_function(_READY, timeout=180_000)
+        self.wait_until_ready()
         if host is not None:
             self.page.locator(".dnb-studio").evaluate("(e) => e.scrollIntoView({ block: 'start' })")
         self.page.wait_for_function(_AT_REST, timeout=60_000)
@@ -164,6 +164,10 @@ class StudioTab:
             raise RuntimeError("the application did not start")
         self.page.goto(address, timeout=90_000)
         return address.split("?")[0].split("#")[0]
+
+    def wait_until_ready(self) -> None:
+        """Wait for the only studio of the page, drawn in full."""
+        self.page.wait_for_function(_READY, timeout=180_000)
 
     def rest(self) -> None:
         self.page.wait_for_function(_AT_REST, timeout=60_000)
@@ -204,7 +208,7 @@ class StudioTab:
         gaps = [b - a for a, b in zip(drawn["frames"], drawn["frames"][1:], strict=False) if b > down]
         gaps.sort()
         moving = [view for view in drawn["views"] if down < view[0] <= end]
-        self._undo()
+        self.undo()
         return {
             "pictures": sum(t > down for t in drawn["pictures"]) / span,
             "views": len(moving) / span,
@@ -216,7 +220,25 @@ class StudioTab:
             "down": statistics.median(v[3] for v in moving) if moving else math.nan,
         }
 
-    def _undo(self) -> None:
+    def drag_point(self, seconds: float) -> None:
+        """Drag the point in the middle, which stays where it is dropped."""
+        self.connection.mouse("mouseReleased", *self._move(seconds))
+        self.page.wait_for_function(_AT_REST, timeout=60_000)
+
+    def turn(self) -> None:
+        """Turn the volume by a drag on it."""
+        box = self.page.locator(".dnb-view canvas").first.bounding_box()
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        mouse = self.connection.mouse
+        mouse("mouseMoved", x, y)
+        mouse("mousePressed", x, y, is_down=True)
+        for k in range(30):
+            time.sleep(1 / RATE)
+            mouse("mouseMoved", x + 3 * k, y + k, is_down=True)
+        mouse("mouseReleased", x + 90, y + 30)
+        self.page.wait_for_function(_AT_REST, timeout=60_000)
+
+    def undo(self) -> None:
         """Undo the drag, so that each begins at the same place; one that was not allowed to go anywhere was no edit."""
         self.page.wait_for_function("!document.querySelector('.dnb-editor, .dnb-space').deformnb.sender.isBehind()")
         self.page.evaluate("() => document.querySelector('[data-command=undo]:not([aria-disabled=true])')?.click()")
@@ -234,15 +256,20 @@ class StudioTab:
         events = json.loads(browser.stop_tracing())["traceEvents"]
         self.connection.mouse("mouseReleased", *at)
         self.rest()
-        self._undo()
+        self.undo()
         found = split_trace(events)
+        per_move = {kind: ms / max(1, moves) for kind, ms in found.items()}
+        return {**per_move, "heap": self.script_bytes() / 2**20}
+
+    def script_bytes(self) -> float:
+        """Bytes of the objects of scripts that are alive."""
         session = self.context.new_cdp_session(self.page)
-        session.send("HeapProfiler.collectGarbage")
+        for _ in range(3):  # an object with a finalizer goes with the second
+            session.send("HeapProfiler.collectGarbage")
         session.send("Performance.enable")
         metrics = {m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}
         session.detach()
-        per_move = {kind: ms / max(1, moves) for kind, ms in found.items()}
-        return {**per_move, "heap": metrics["JSHeapUsedSize"] / 2**20}
+        return float(metrics["JSHeapUsedSize"])
 
     def close(self) -> None:
         self.connection.close()
