@@ -203,6 +203,8 @@ export interface Sampled {
   raster: Raster;
   values: ArrayLike<number>;
   fit: Fit;
+  /** Whether nobody looks beyond the nodes: the displacement of the nearest one will do there */
+  isClamped?: boolean;
 }
 
 /** Fits separated by cuts. */
@@ -333,6 +335,8 @@ export interface Bus extends EventTarget {
   sender?: Sender<Vector> | null;
   /** The number of open views of an editor. */
   views?: number;
+  /** Whether a view that follows is drawn on the processors that the editor needs too */
+  isShared?: boolean;
   clock?: PlayClock;
   moment?: TimeDetail;
   addEventListener(type: "deformnb:points", listener: (event: CustomEvent<PointsDetail>) => void): void;

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { layeredFit } from "../src/maths/cuts.ts";
 import { fieldAt, fieldOnRaster } from "../src/maths/rigid_stages.ts";
-import { sampledFits, sampledWithSlope } from "../src/maths/sampled_fit.ts";
+import { clampedFits, sampledFits, sampledWithSlope } from "../src/maths/sampled_fit.ts";
 import { deformedGrid, fieldWithSlope } from "../src/maths/warp_map.ts";
 
 const SCALE = 1.6,
@@ -134,6 +134,34 @@ for (const [name, settings, own] of [
       }
     });
     assert.ok(count > 1000 && worst < 0.5 && worst > 0, `${worst} CSS pixels`);
+    // Of the middle alone: what is seen there is the same, though beyond it no fit is evaluated.
+    const [low, high] = [30, 150],
+      middle = {
+        ...raster,
+        origin: [low, low],
+        shape: [0, 1].map((k) => Math.floor((high - low) / raster.spacing[k]) + 1),
+      };
+    const part = clampedFits(
+      sampledFits(
+        { ...layered, fits: layered.fits.map(({ fit, ...rest }) => ({ ...rest, fit })) },
+        middle,
+        layered.fits.map(({ fit }) => fieldOnRaster(fit, middle)),
+      ),
+    );
+    const isWithin = (x, y) => x > low + 1 && x < high - 2 && y > low + 1 && y < high - 2;
+    let least = 0;
+    deformedGrid(part, BOX, CELLS, 2, 0.05 / SCALE).forEach(({ runs }, n) => {
+      const of = exact[n].runs.flat();
+      const seen = [...of.keys()].filter((k) => k % 2 === 0 && isWithin(of[k], of[k + 1])),
+        places = runs.flat();
+      for (const k of seen) {
+        let away = Infinity;
+        for (let i = 0; i < places.length; i += 2)
+          away = Math.min(away, Math.hypot(places[i] - of[k], places[i + 1] - of[k + 1]));
+        least = Math.max(least, SCALE * away);
+      }
+    });
+    assert.ok(least < 0.5, `${least} CSS pixels within the raster`);
     if (name !== "many points") return;
     // By the formula itself: what is seen at a place of the first line was at a = 0 and on the first row at b = 0.
     const { origin, support, centers, coefficients, linear, constant } = layered.fits[0].fit;

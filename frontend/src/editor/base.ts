@@ -62,11 +62,16 @@ export abstract class EditorDrawing {
   abstract stage: EditorRoot;
 
   constructor(readonly model: Model) {
-    this.sender = senderOf(busOf(model), model);
+    const bus = busOf(model);
+    this.sender = senderOf(bus, model);
     // A press anywhere in it gives the editor the keys.
     this.root = pageElement("div", "dnb-editor", null, { tabindex: "-1", role: "group", ...OWN_KEYS });
     this.messages = new Messages();
-    this.frames = new Frames(this.messages, () => this.draw());
+    this.frames = new Frames(
+      this.messages,
+      () => this.draw(),
+      () => Boolean(bus.isShared),
+    );
     this.theme = new EditorTheme(this.root, model, this.frames);
   }
 

@@ -42,6 +42,8 @@ export class DrawRate {
   }
 }
 
+const LONGEST_GAP = 25; // ms between two pictures of a movement, where a view draws on the same processors
+
 const REST = 120; // milliseconds after which the full picture is drawn
 
 /** Requests of frames, and actions whose errors are shown. */
@@ -56,9 +58,12 @@ export class Frames {
 
   #restTimer = 0;
 
+  #next = 0; // when the next picture of a movement may be drawn
+
   constructor(
     private readonly messages: Messages,
     private readonly draw: () => void,
+    private readonly isShared: () => boolean = () => false,
   ) {}
 
   close() {
@@ -98,7 +103,14 @@ export class Frames {
 
   #run() {
     this.request = 0;
+    const start = performance.now();
+    if (this.isMoving && start < this.#next) {
+      this.invalidate();
+      return;
+    }
     this.guard(() => this.draw());
+    const end = performance.now();
+    this.#next = this.isShared() ? end + Math.min(LONGEST_GAP, end - start) : 0; // half of the time is the view's
   }
 
   markMoving() {

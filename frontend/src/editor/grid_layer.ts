@@ -1,6 +1,7 @@
 // The deformed grid over the editor's picture.
 
 import { isStill } from "../maths/rigid_stages.ts";
+import { clampedFits } from "../maths/sampled_fit.ts";
 import { deformedGrid, NO_CUTS } from "../maths/warp_map.ts";
 import type { LayeredFit } from "../types.ts";
 import { drawGrid } from "./painter.ts";
@@ -87,7 +88,7 @@ export class GridLayer {
     const isSame = last !== null && key.every((value, k) => value === last.key[k]);
     const lines = isSame
       ? last.lines
-      : deformedGrid(layered ?? NO_CUTS, box, cells, parts, (isMoving ? 0.2 : 0.05) / view.k);
+      : deformedGrid(layered ? clampedFits(layered) : NO_CUTS, box, cells, parts, (isMoving ? 0.2 : 0.05) / view.k);
     this.last = { key, lines };
     return lines;
   }

@@ -3,11 +3,11 @@
 // det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is tissue twice as large, and at 0 the map folds.
 
 import { NEARLY_FOLDED } from "../generated.ts";
-import type { Fit, LayeredFit, Numbers6, Raster, RbfFit, Vector2, Vector4 } from "../types.ts";
+import type { Fit, LayeredFit, Numbers6, Raster, RbfFit, ReadyPart, Vector2, Vector4 } from "../types.ts";
 import { chosenPlace, layersOnRaster, placeOf } from "./cuts.ts";
 import { forwardTargets } from "./forward_fit.ts";
-import { RBF_KERNELS, rbfLinearAt } from "./rbf.ts";
-import { fieldWithSlope } from "./warp_map.ts";
+import { RBF_KERNELS, rbfLinearAt, rbfOnRaster } from "./rbf.ts";
+import { fieldWithSlope, withParts } from "./warp_map.ts";
 
 /** A place and det J there */
 export type Probe = [a: number, b: number, det: number];
@@ -75,6 +75,9 @@ export function detsOnRaster(layered: LayeredFit, raster: Raster, out: Float64Ar
     dets = out ?? new Float64Array(nv * nu);
   const one = layered.regions.length ? null : layered.fits[0]?.fit;
   if (one && isPlain(one)) return rbfDetsOnRaster(one, raster, dets);
+  if (one?.rigid && one.base?.count && !one.sampled && !one.stages && !one.forward && !one.blend) {
+    return partsDetsOnRaster(one.rigid, one.base, raster, dets);
+  }
   if (layered.regions.length && layered.fits.every(({ fit }) => isPlain(fit))) {
     return visibleDetsOnRaster(layered, raster, dets);
   }
@@ -104,11 +107,51 @@ function visibleDetsOnRaster(layered: LayeredFit, raster: Raster, dets: Float64A
   return dets;
 }
 
+/** The same of a plain fit. */
+function rbfDetsOnRaster(fit: RbfFit, raster: Raster, dets: Float64Array) {
+  const [, nu] = raster.shape;
+  slopeRows(fit, raster, (i, row) => {
+    for (let k = 0, n = nu * i; k < 4 * nu; k += 4, n++) {
+      dets[n] = (1 + row[k]!) * (1 + row[k + 3]!) - row[k + 1]! * row[k + 2]!;
+    }
+  });
+  return dets;
+}
+
+/** The same of rigid parts in a smooth map. */
+function partsDetsOnRaster(rigid: ReadyPart[], base: RbfFit, raster: Raster, dets: Float64Array) {
+  const [, nu] = raster.shape,
+    [du, dv] = raster.spacing,
+    [a0, b0] = raster.origin,
+    moves = rbfOnRaster(base, raster),
+    work = DET_WORK;
+  slopeRows(base, raster, (i, row) => {
+    for (let j = 0, n = nu * i; j < nu; j++, n++) {
+      const a = a0 + j * du,
+        b = b0 + i * dv,
+        k = 4 * j;
+      work[0] = a + moves[2 * n]!;
+      work[1] = b + moves[2 * n + 1]!;
+      work[2] = 1 + row[k]!;
+      work[3] = row[k + 1]!;
+      work[4] = row[k + 2]!;
+      work[5] = 1 + row[k + 3]!;
+      withParts(rigid, base, a, b, work);
+      dets[n] = work[2] * work[5] - work[3] * work[4];
+    }
+  });
+  return dets;
+}
+
 /**
- * The same of a plain fit: one centre after the other, and for compact kernels only the columns that it reaches, as
- * rbfOnRaster.
+ * Slopes of a plain fit at the pixels of a raster, row by row, [du/da, du/db, dv/da, dv/db] of each: one centre after the
+ * other, and for compact kernels only the columns that it reaches, as rbfOnRaster.
  */
-function rbfDetsOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], origin }: Raster, dets: Float64Array) {
+function slopeRows(
+  fit: RbfFit,
+  { shape: [nv, nu], spacing: [du, dv], origin }: Raster,
+  take: (i: number, row: Float64Array) => void,
+) {
   const {
     support: r,
     centers: x,
@@ -153,11 +196,9 @@ function rbfDetsOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], orig
         row[at + 3]! += gv * dq;
       }
     }
-    for (let k = 0, n = nu * i; k < 4 * nu; k += 4, n++) {
-      dets[n] = (1 + row[k]! / r) * (1 + row[k + 3]! / r) - (row[k + 1]! * row[k + 2]!) / (r * r);
-    }
+    for (let k = 0; k < 4 * nu; k++) row[k]! /= r;
+    take(i, row);
   }
-  return dets;
 }
 
 /**

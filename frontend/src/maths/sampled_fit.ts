@@ -7,6 +7,7 @@ import type { LayeredFit, Numbers6, Raster, Sampled, Vector2 } from "../types.ts
 
 const PLACE_COST = 20; // evaluations of a kernel that take as long as a place between the nodes
 const FEWEST_NODES = 4; // of a side
+const WITHIN = 1 - 1e-12; // the last node is found again in spite of rounding
 
 /**
  * The fits with their displacements at the nodes of a raster; where there are too few nodes, the fits themselves.
@@ -119,6 +120,41 @@ export function sampledWithSlope(
   out[4] = va / du;
   out[5] = 1 + vb / dv;
   return true;
+}
+
+/** The same, and beyond the raster with the displacement of the nearest place within it. */
+export function clampedWithSlope(sampled: Sampled, a: number, b: number, out: Numbers6) {
+  const {
+    raster: {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin,
+    },
+  } = sampled;
+  const nearest = (place: number, first: number, length: number) => Math.max(first, Math.min(first + length, place));
+  const x = nearest(a, origin[0], (nu - 1) * du * WITHIN),
+    y = nearest(b, origin[1], (nv - 1) * dv * WITHIN);
+  sampledWithSlope(sampled, x, y, out);
+  if (x !== a) {
+    out[0] += a - x;
+    out[2] = 1;
+    out[4] = 0;
+  }
+  if (y !== b) {
+    out[1] += b - y;
+    out[3] = 0;
+    out[5] = 1;
+  }
+  return out;
+}
+
+/** The fits for what is drawn within the raster alone: beyond it they have the displacement of its rim. */
+export function clampedFits(layered: LayeredFit): LayeredFit {
+  const clamped = ({ fit, ...rest }: LayeredFit["fits"][number]): LayeredFit["fits"][number] => ({
+    ...rest,
+    fit: fit.sampled ? { ...fit, sampled: { ...fit.sampled, isClamped: true } } : fit,
+  });
+  return { ...layered, fits: layered.fits.map(clamped) };
 }
 
 const PLACE = new Float64Array(6) as Numbers6;

@@ -7,6 +7,7 @@ import type {
   Numbers3,
   Numbers6,
   RbfFit,
+  ReadyPart,
   TipBlend,
   Vector,
   Vector2,
@@ -16,7 +17,7 @@ import { marginOf, regionKey } from "./cuts.ts";
 import { forwardEnd, forwardWithSlope } from "./forward_fit.ts";
 import { RBF_KERNELS, rbfLinearAt, rbfQuadraticAt } from "./rbf.ts";
 import { fieldAt, partsAt } from "./rigid_stages.ts";
-import { sampledWithSlope } from "./sampled_fit.ts";
+import { clampedWithSlope, sampledWithSlope } from "./sampled_fit.ts";
 
 export const NO_CUTS: LayeredFit = {
   fits: [],
@@ -34,12 +35,18 @@ const PARTS_AROUND = [newWork(), newWork(), newWork(), newWork(), newWork()] as 
 
 /** y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]; of rigid parts by differences. */
 export function fieldWithSlope(fit: Fit, a: number, b: number, out: Numbers6): Numbers6 {
+  if (fit.sampled?.isClamped) return clampedWithSlope(fit.sampled, a, b, out);
   if (fit.sampled) return sampledWithSlope(fit.sampled, a, b, out) ? out : fieldWithSlope(fit.sampled.fit, a, b, out);
   if (fit.blend) return blendWithSlope(fit.blend, a, b, out);
   if (fit.stages) return stagedWithSlope(fit.stages, a, b, out);
   if (fit.forward) return forwardWithSlope(fit.forward, a, b, out);
   const { rigid, base } = fit;
   if (!rigid || !base) return mapWithSlope(fit, a, b, out);
+  return withParts(rigid, base, a, b, mapWithSlope(base, a, b, out));
+}
+
+/** The same of rigid parts in a smooth map. `out`: in, those of the map alone. */
+export function withParts(rigid: ReadyPart[], base: RbfFit, a: number, b: number, out: Numbers6) {
   const h = 1e-5 * base.support,
     [at, east, west, south, north] = PARTS_AROUND,
     d = 1 / (2 * h);
@@ -48,7 +55,6 @@ export function fieldWithSlope(fit: Fit, a: number, b: number, out: Numbers6): N
   partsAt(rigid, a - h, b, west);
   partsAt(rigid, a, b + h, south);
   partsAt(rigid, a, b - h, north);
-  mapWithSlope(base, a, b, out);
   const w = at[2],
     u = out[0] - a,
     v = out[1] - b,
@@ -122,7 +128,7 @@ function mapWithSlope(fit: RbfFit, a: number, b: number, out: Numbers6) {
     p = (a - fit.origin[0]) / r,
     q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
-  const { profile, slope } = RBF_KERNELS[fit.kernel]!;
+  const { profile, slope, compact } = RBF_KERNELS[fit.kernel]!;
   let u = linear[0][0] * p + linear[0][1] * q + constant[0],
     v = linear[1][0] * p + linear[1][1] * q + constant[1];
   let [[j00, j01], [j10, j11]] = rbfLinearAt(fit, p, q);
@@ -134,8 +140,9 @@ function mapWithSlope(fit: RbfFit, a: number, b: number, out: Numbers6) {
     const dp = p - x[j]!,
       dq = q - x[j + 1]!,
       w = scales ? scales[k]! * scales[k]! : 1;
-    const s = (dp * dp + dq * dq) * w,
-      phi = profile(s),
+    const s = (dp * dp + dq * dq) * w;
+    if (compact && s >= 1) continue;
+    const phi = profile(s),
       g = 2 * w * slope(s);
     u += alpha[j]! * phi;
     v += alpha[j + 1]! * phi;

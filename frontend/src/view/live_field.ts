@@ -138,6 +138,7 @@ export class LiveField {
     const { caster, loop } = this.view;
     if (!isMoving && loop?.movement.isHeld) loop.release();
     if (!isMoving) return;
+    for (const { bus } of [this.link, this.spaceLink]) if (bus && caster) bus.isShared = caster.gpu.isSoftware;
     if (loop && caster?.voxels.volume) this.view.touch(true);
     else this.catchUp();
   }

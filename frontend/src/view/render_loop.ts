@@ -51,7 +51,7 @@ const PIECE_MS = 25; // of a quick picture: a widget that draws a picture next t
 // that moves the points needs too.
 const GPU_SHARE = 0.5,
   SOFTWARE_SHARE = 0.25; // of the usual 65 ms: 16, so that a volume follows in every second frame
-const LONGEST_REST = 80; // ms between two quick pictures of a software renderer, which rests as long as the last took
+const LONGEST_REST = 16; // ms between two quick pictures of a software renderer, which rests as long as the last took
 const HEARD_MS = 3; // from the end of the GPU's work until the page is notified
 const COARSEST = 2; // halvings of the pixels: half of them along both axes, or a moving volume is a blur
 const FEWEST_PIXELS = 8000; // of a quick picture: 7 to 12 ms of drawing; with fewer it waits for other work as long
@@ -228,6 +228,17 @@ class Movement {
   }
 }
 
+type Scheduler = {
+  postTask: (task: () => void, options: { priority: "user-blocking"; delay: number }) => Promise<void>;
+};
+
+/** Call before the timers of the page, which wait for all its movements. */
+function soon(task: () => void, delay: number) {
+  const { scheduler } = window as unknown as { scheduler?: Scheduler };
+  if (scheduler) scheduler.postTask(task, { priority: "user-blocking", delay });
+  else setTimeout(task, delay);
+}
+
 /** The turns of the GPU: one piece of work is in flight, and then a frame of the page, if the canvas has changed. */
 class GpuTurns {
   isClosed = false;
@@ -282,7 +293,7 @@ class GpuTurns {
       }
       if (gl.getSyncParameter(this.#sync, gl.SYNC_STATUS) !== gl.SIGNALED) {
         looked = performance.now();
-        setTimeout(look, 2);
+        soon(look, 2);
         return;
       }
       gl.deleteSync(this.#sync);
@@ -294,9 +305,9 @@ class GpuTurns {
       };
       if (this.#isShowing)
         requestAnimationFrame(() => setTimeout(next, 0)); // a frame is put together between the two
-      else this.#timer = setTimeout(next, 0);
+      else soon(next, 0);
     };
-    setTimeout(look, 1);
+    soon(look, 1);
   }
 }
 
@@ -400,7 +411,7 @@ export class FrameLoop {
       }
     }
     // Fewer samples along the ray too: half of the time saved by fewer pixels would be spent on depth nobody sees.
-    const coarseness = this.caster.gpu.isSoftware && scale < 1 ? 1.6 : 1.15;
+    const coarseness = this.caster.gpu.isSoftware && scale < 1 ? 2 : 1.15;
     this.rush = {
       pieces,
       size: [width, height],

@@ -28,6 +28,7 @@ uniform vec3 openLow, openHigh; uniform float bareDepth; // 1 where a side of th
 #endif
 uniform float stepLength, outside, outsideOpacity, certain, reach;
 uniform float layers;          // thicknesses that the opacities of cells are of, in a step
+uniform float opaque;          // share of the light that is stopped, from which on a ray ends
 uniform float steep;           // opacity of a step, from which on its surface is looked for
 uniform vec3 lamp, halfway, fillLamp; uniform vec2 grey;
 uniform vec3 ink;
@@ -196,7 +197,7 @@ void main() {
     rgba.rgb = lit(rgba.rgb, g, light, clamp((t - nearT) / (.6 * reach), 0., 1.));
 #endif
     sum += (1. - sum.a) * (1. - pow(1. - min(rgba.a, .9999), steps)) * vec4(rgba.rgb, 1.);
-    if (sum.a > .97) { sum /= sum.a; break; }
+    if (sum.a > opaque) { sum /= sum.a; break; }
 #endif
   }
 #ifdef MIP

@@ -18,6 +18,8 @@ import { VoxelTextures } from "./voxel_textures.ts";
 export type Cells = { of: unknown[]; size: Vector3; edge: Vector3; low: Vector3 };
 
 const LONG = 1.25; // a step of more voxels than this may lead so far below a surface that its slope differs
+const OPAQUE = 0.97, // share of the light that is stopped, from which on a ray ends
+  QUICK_OPAQUE = 0.9; // the same while something moves
 const FEWEST_SEEN = 4; // samples of tissue beyond a side of the box that are no speck
 
 export type Background = "dark" | "light" | "black" | "white";
@@ -204,6 +206,7 @@ export class RayCaster {
     gl.uniform1i(at("cells"), UNITS[unit]);
     gl.uniform3fv(at("cellCount"), size);
     gl.uniform1f(at("layers"), step / table.unit);
+    gl.uniform1f(at("opaque"), coarseness > 1 ? QUICK_OPAQUE : OPAQUE);
     gl.uniform3fv(
       at("toCells"),
       edge.map((e) => 1 / e),
