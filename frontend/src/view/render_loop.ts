@@ -265,7 +265,7 @@ class GpuTurns {
     clearTimeout(this.#timer);
     const step = () => {
       this.#frame = 0;
-      this.step();
+      this.#go();
     };
     // After the frame: a widget that moves points has drawn them by then, and its picture waits for no rays.
     const next = () => {
@@ -273,6 +273,11 @@ class GpuTurns {
     };
     if (delay > 0) this.#timer = setTimeout(next, delay);
     else next();
+  }
+
+  /** Step, where no other step has given the GPU work meanwhile. */
+  #go() {
+    if (!this.isClosed && !this.#sync && !this.#isShowing) this.step();
   }
 
   /**
@@ -301,7 +306,7 @@ class GpuTurns {
       this.#isShowing = done((looked + performance.now()) / 2 - start);
       const next = () => {
         this.#isShowing = false;
-        this.step();
+        this.#go();
       };
       if (this.#isShowing)
         requestAnimationFrame(() => setTimeout(next, 0)); // a frame is put together between the two
