@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { Stroke } from "../src/maths/brushes.ts";
+import { pictureFrame, Stroke } from "../src/maths/brushes.ts";
 import { newPoint } from "../src/maths/points.ts";
 
 test("each stroke has a number of its own in the names of its points", () => {
@@ -13,7 +13,7 @@ test("each stroke has a number of its own in the names of its points", () => {
       [20, 20],
       10,
       { tool, id: 7 },
-      { sourceAt: () => (place) => place, box: [0, 100, 0, 100], reach: 0, settle: (place) => place },
+      { sourceAt: () => (place) => place, frame: pictureFrame([0, 100, 0, 100]), reach: 0, settle: (place) => place },
     );
   const first = stroke([], "move");
   assert.equal(first.name, "move 1");

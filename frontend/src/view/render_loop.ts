@@ -51,7 +51,8 @@ const PIECE_MS = 25; // of a quick picture: a widget that draws a picture next t
 // that moves the points needs too.
 const GPU_SHARE = 0.5,
   SOFTWARE_SHARE = 0.25; // of the usual 65 ms: 16, so that a volume follows in every second frame
-const LONGEST_REST = 16; // ms between two quick pictures of a software renderer, which rests as long as the last took
+const REST_SHARE = 0.5, // of the time that the last quick picture of a software renderer took, for which it rests
+  LONGEST_REST = 40; // ms
 const HEARD_MS = 3; // from the end of the GPU's work until the page is notified
 const COARSEST = 2; // halvings of the pixels: half of them along both axes, or a moving volume is a blur
 const FEWEST_PIXELS = 8000; // of a quick picture: 7 to 12 ms of drawing; with fewer it waits for other work as long
@@ -234,7 +235,7 @@ type Scheduler = {
 
 /** Call before the timers of the page, which wait for all its movements. */
 function soon(task: () => void, delay: number) {
-  const { scheduler } = window as unknown as { scheduler?: Scheduler };
+  const { scheduler } = globalThis as unknown as { scheduler?: Scheduler };
   if (scheduler) scheduler.postTask(task, { priority: "user-blocking", delay });
   else setTimeout(task, delay);
 }
@@ -451,8 +452,8 @@ export class FrameLoop {
     this.times.frames += 1;
     const [width, height] = rush.size;
     this.quick.learn(rush.spent, width * height, this.options().target);
-    // Where the coarsest picture takes more than its share, the others on the same processors have half of the time.
-    if (this.caster.gpu.isSoftware) this.movement.pause(Math.min(LONGEST_REST, rush.spent));
+    // Where the coarsest picture takes more than its share, the others on the same processors have a third of the time.
+    if (this.caster.gpu.isSoftware) this.movement.pause(Math.min(LONGEST_REST, REST_SHARE * rush.spent));
   }
 
   /** Make the changes that were requested while a picture was being drawn. */
