@@ -125,3 +125,20 @@ def test_a_studio_shows_one_message_of_all_beside_the_object(studio_page: Any, a
     row.get_by_role("button", name="Close this message").click()
     set_message(page, "a", "")
     start.wait_for()
+
+
+@pytest.mark.parametrize("width", [1280, 900])
+def test_advice_of_two_lines_leaves_the_panes_as_they_are(studio_page: Any, width: int) -> None:
+    page = studio_page
+    page.set_viewport_size({"width": width, "height": 800})
+    canvas, notes = page.locator(".dnb-canvas"), page.locator(".dnb-pane-picture .dnb-ed-notes")
+    before = canvas.bounding_box()
+    page.locator(".dnb-pane-picture .dnb-ed-stage").focus()
+    page.keyboard.press("Control+a")
+    page.wait_for_function(
+        "() => document.querySelector('.dnb-pane-picture .dnb-ed-notes').textContent.startsWith('Arrows')"
+    )
+    assert notes.bounding_box()["height"] == 34  # two lines
+    assert canvas.bounding_box() == before
+    assert page.evaluate("""() => { const status = document.querySelector(".dnb-pane-picture .dnb-ed-status");
+        return status.scrollHeight <= status.clientHeight; }""")

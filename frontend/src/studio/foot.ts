@@ -1,6 +1,6 @@
 // The foot of a studio's panes: its height, and which of the messages on its right are shown, the most dangerous first.
 
-const FACTS = 28; // CSS pixels of the line over a message of the picture, and of the space around it
+const FACTS = 26; // CSS pixels of the line over a message of the picture, and of the space around it
 const MOST = 0.4; // of the panes' height, beyond which messages are scrolled
 
 /** Below the picture: an alert or the advice, and hints, which pass. */
