@@ -21,29 +21,15 @@ from typing import Any
 from benchmarks.latency import chromium_path, hosts
 from benchmarks.latency_cells import HEIGHT, WIDTH
 from benchmarks.latency_page import Seat
+from benchmarks.studio_cases import CUT, PART, PLANE_POINTS, SPACE_POINTS
 
-_CUT = "cuts=[dn.Cut(dn.Line(corner + size * np.array([[0.48, -0.05], [0.55, 0.45], [0.5, 1.05]])))]"
-_PART = "parts=[dn.RigidPart(dn.Polygon(corner + size * np.array([[.61, .61], [.71, .6], [.72, .7], [.6, .71]])))]"
-
-# Points of the unit square with drags so small that nothing folds at first, none of them in the part.
-_EDITOR = """
-picture = dn.project(volume, dn.Plane.from_view(volume.grid, "+z"), "mip")
-corner = np.array(picture.raster.origin)
-size = np.array(picture.raster.spacing) * (np.array(picture.raster.shape[::-1]) - 1)
-unit = problem.control_points({count}, 2, 2)
-target = unit.target[np.abs(unit.target - 0.66).max(axis=1) > 0.09]
-source = target + 0.4 * (unit.source - unit.target)[:len(target)]
-points = dn.ControlPoints.from_arrays(corner + size * source, corner + size * target)
-editor = Editor(picture, points, height=450, {extra})
+_EDITOR = f"""{PLANE_POINTS}
+editor = Editor(picture, points, height=450, {{extra}})
 follows = view.follow, editor, dn.Deformation((editor.step(),)).field(volume.grid)
 """
 
 # Three slices through the middle of the volume, and a point there to be dragged.
-_SPACE = """
-last = np.array([nx, ny, nz]) - 1
-unit = problem.control_points({count}, 3, 2)
-source, target = (np.vstack([last * a, last / 2 - b]) for a, b in ((unit.source, 12), (unit.target, 0)))
-points = dn.ControlPoints.from_arrays(volume.grid.index_to_point(source), volume.grid.index_to_point(target))
+_SPACE = f"""{SPACE_POINTS}
 editor = SpaceEditor(volume, points, height=450)
 follows = view.edit_points, editor
 """
@@ -52,8 +38,8 @@ CASES: dict[str, tuple[tuple[int, int, int], int, str]] = {
     "16 points": ((256, 256, 256), 16, ""),
     "64 points": ((256, 256, 256), 64, ""),
     "200 points": ((256, 256, 256), 200, ""),
-    "200 points, cut": ((256, 256, 256), 200, _CUT),
-    "200 points, part": ((256, 256, 256), 200, _PART),
+    "200 points, cut": ((256, 256, 256), 200, CUT),
+    "200 points, part": ((256, 256, 256), 200, PART),
     "16 points, space": ((256, 256, 256), 15, _SPACE),
     "512 x 512 x 200, 200 points": ((512, 512, 200), 200, ""),
 }

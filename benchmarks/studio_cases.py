@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-_PLANE = """
+PLANE_POINTS = """
 plane = dn.Plane.from_view(volume.grid, "+z")
 picture = dn.project(volume, plane, "mip")
 corner = np.array(picture.raster.origin)
@@ -13,25 +13,28 @@ unit = problem.control_points({count}, 2, 2)
 target = unit.target[np.abs(unit.target - 0.66).max(axis=1) > 0.09]
 source = target + 0.4 * (unit.source - unit.target)[:len(target)]
 points = dn.ControlPoints.from_arrays(corner + extent * source, corner + extent * target)
-step = Step((points,), plane, {shapes})
 """
+"""Points of a picture with drags so small that nothing folds at first, none of them in the part."""
 
-_SPACE = """
-last = np.array([size, size, size]) - 1
+SPACE_POINTS = """
+last = np.array(volume.grid.shape[::-1]) - 1
 unit = problem.control_points({count}, 3, 2)
 source, target = (np.vstack([last * a, last / 2 - b]) for a, b in ((unit.source, 12), (unit.target, 0)))
 points = dn.ControlPoints.from_arrays(volume.grid.index_to_point(source), volume.grid.index_to_point(target))
-step = Step((points,), None)
 """
+"""Points in space, the last of them in the middle of the volume."""
 
-_CUT = "cuts=[dn.Cut(dn.Line(corner + extent * np.array([[0.48, -0.05], [0.55, 0.45], [0.5, 1.05]])))]"
-_PART = "parts=[dn.RigidPart(dn.Polygon(corner + extent * np.array([[.61, .61], [.71, .6], [.72, .7], [.6, .71]])))]"
+_PLANE = PLANE_POINTS + "step = Step((points,), plane, {shapes})\n"
+_SPACE = SPACE_POINTS + "step = Step((points,), None)\n"
+
+CUT = "cuts=[dn.Cut(dn.Line(corner + extent * np.array([[0.48, -0.05], [0.55, 0.45], [0.5, 1.05]])))]"
+PART = "parts=[dn.RigidPart(dn.Polygon(corner + extent * np.array([[.61, .61], [.71, .6], [.72, .7], [.6, .71]])))]"
 
 CASES: dict[str, tuple[int, str, str]] = {
     "16 points": (16, _PLANE, ""),
     "200 points": (200, _PLANE, ""),
-    "200 points, cut": (200, _PLANE, _CUT),
-    "200 points, part": (200, _PLANE, _PART),
+    "200 points, cut": (200, _PLANE, CUT),
+    "200 points, part": (200, _PLANE, PART),
     "16 points, space": (15, _SPACE, ""),
 }
 """The number of points of each case, the text that makes its step, and further arguments of that."""
