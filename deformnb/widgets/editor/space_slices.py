@@ -42,6 +42,7 @@ _LARGEST_SIDE = 2048
 # Nodes along the longest side of the lattice on which folds are looked for.
 _FOLD_NODES, _QUICK_FOLD_NODES = 24, 12  # at rest, and while points move: a few milliseconds
 _SHAPE_PIXELS = 192  # along the longer side, of parts and cuts on a slice
+_FLAT, _FAINT = 0.1, 0.15  # a cut that leaves a slice no faster, by length, covers much of it and is tinted as faintly
 _OPAQUE = 0.5  # accumulated in front of a place: there the surface of a composite picture is
 
 
@@ -247,7 +248,10 @@ def shapes_on(pane: Pane, depth: float, step: Step) -> NDArray[np.uint8] | None:
         far = part.region.signed_distance(x if part.motion is None else part.motion.inverse(x))
         shares[..., 0] = np.maximum(shares[..., 0], np.clip(0.5 - far / pixel, 0, 1))
     for region in cuts:
-        shares[..., 1] = np.maximum(shares[..., 1], np.clip(1.3 - np.abs(region.signed_distance(x)) / pixel, 0, 1))
+        far = region.signed_distance(x)
+        rows, columns = np.gradient(far, *raster.spacing[::-1])
+        strength = np.where(np.hypot(rows, columns) > _FLAT, 1.0, _FAINT)
+        shares[..., 1] = np.maximum(shares[..., 1], strength * np.clip(1.3 - np.abs(far) / pixel, 0, 1))
     return (shares * 255 + 0.5).astype(np.uint8)
 
 

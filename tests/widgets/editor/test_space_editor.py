@@ -340,6 +340,10 @@ def test_parts_and_cuts_are_marked_where_they_are_on_a_slice(volume: Volume, poi
     assert lines is not None
     rows = np.flatnonzero(lines[..., 1].max(axis=1))
     np.testing.assert_allclose(axial.plane.from_plane([0, axial.raster(192).rows[rows].mean()])[1], 20.0, atol=1.0)
+    assert lines[..., 1].max() == 255
+    flat = shapes_on(coronal, coronal.depth_of([0.0, 20.0, 0.0]), replace(step, cuts=(cut,)))
+    assert flat is not None
+    assert 20 < flat[..., 1].min() <= flat[..., 1].max() < 50  # it lies in the slice, which is seen through it
     assert len(rows) <= 4
 
 
