@@ -25,7 +25,7 @@ const RANKS = [
 ];
 
 /** What changes when a message comes or goes. */
-const CHANGES = { subtree: true, childList: true, attributeFilter: ["data-kind", "style"] };
+const CHANGES = { subtree: true, childList: true, attributeFilter: ["data-kind", "class", "style"] };
 
 export class PanesFoot {
   readonly #changes = new MutationObserver(() => this.arrange());
@@ -63,7 +63,7 @@ export class PanesFoot {
     const ranked = parts.filter(heightOf).sort((a, b) => rankOf(a) - rankOf(b)),
       isView = ranked[0]?.matches(".dnb-messages"),
       shown = isView ? ranked.slice(0, 1) : ranked.filter((part) => rankOf(part) === rankOf(ranked[0]!));
-    for (const part of parts) part.toggleAttribute("data-behind", !shown.includes(part));
+    for (const part of ranked) part.toggleAttribute("data-behind", !shown.includes(part));
     const start = parts.find((part) => part.matches(".dnb-studio-start")),
       total = shown.reduce((sum, part) => sum + heightOf(part), 0);
     this.#setHeight("side", Math.max(total, heightOf(start))); // also behind a message: the panes do not jump
