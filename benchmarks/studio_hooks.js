@@ -29,7 +29,7 @@
         show();
         const name = screen.drawn[screen.layer], target = caster.gpu.targets[name];
         if (!target || !seen.isRunning) return;
-        seen.views.push([now(), name, target.extent[0] / caster.size[0], target.extent[1] / caster.size[1]]);
+        seen.views.push([now(), name, target.width / caster.size[0], target.height / caster.size[1]]);
       };
     }
   }

@@ -32,6 +32,7 @@ export class PanesFoot {
   readonly #closing = new AbortController();
   #hints = { width: 0, height: 0 }; // the highest, as long as the panes have this width: when one ends, nothing jumps
   #height = 0; // of what is below the picture
+  #key = ""; // all that the last arrangement depends on
 
   /**
    * @param sizes observes what gives the foot its height
@@ -56,6 +57,17 @@ export class PanesFoot {
     }
     const parts = find(PARTS).filter((part) => !part.parentElement?.closest(".dnb-studio-messages .dnb-row")),
       rankOf = (part: HTMLElement) => RANKS.findIndex((selector) => part.matches(selector));
+    const { clientWidth, clientHeight } = panes,
+      isHeld = panes.matches(":active");
+    const key = JSON.stringify([
+      clientWidth,
+      clientHeight,
+      isHeld,
+      parts.map((part) => [rankOf(part), part.className, part.style.cssText, part.textContent]),
+      isHeld ? [] : find(`${ADVICE}, ${HINTS}`).map(({ hidden, textContent }) => [hidden, textContent]),
+    ]);
+    if (key === this.#key) return; // measuring lays out the studio twice, which a drag has no time for
+    this.#key = key;
     for (const part of parts) part.removeAttribute("data-behind");
     for (const part of ["side", "status"] as const) this.#setHeight(part, 0); // or a part would be as high as the foot was
     const heights = new Map(parts.map((part) => [part, part.scrollHeight])),
