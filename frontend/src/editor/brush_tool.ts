@@ -28,11 +28,10 @@ export interface BrushHost<V extends Vector> {
   readonly messages: Messages;
   readonly stage: { readonly element: HTMLElement; focus(): void };
   readonly keys: KeyTable;
-  /** The view of the picture under the pointer. */
-  readonly view: View;
+  /** The view of the picture under the pointer, and the places that are seen there. */
+  readonly viewport: { readonly view: View; placeAt(at: Vector2): V };
   /** Of the picture or the volume. */
   readonly diagonal: number;
-  placeAt(at: Vector2): V;
   /** Begin a stroke; null and a hint where none can begin. */
   begin(place: V, radius: number, tool: string): Stroke<V> | null;
   /** Show a stroke as it is now; false where it must not continue. */
@@ -79,7 +78,7 @@ export class Brush<V extends Vector = Vector> {
   }
 
   get #limits(): Vector2 {
-    const { k } = this.editor.view;
+    const { k } = this.editor.viewport.view;
     return [BRUSH_PIXELS[0] / k, BRUSH_PIXELS[1] / k];
   }
 
@@ -153,12 +152,12 @@ export class Brush<V extends Vector = Vector> {
 
   press(at: Vector2) {
     this.at = this.from = at;
-    this.begin(this.editor.placeAt(at));
+    this.begin(this.editor.viewport.placeAt(at));
   }
 
   drag(at: Vector2) {
     this.at = at;
-    this.follow(this.editor.placeAt(at), at[0] - this.from[0] + this.from[1] - at[1]);
+    this.follow(this.editor.viewport.placeAt(at), at[0] - this.from[0] + this.from[1] - at[1]);
   }
 
   /** Begin a stroke at a place. */
@@ -201,7 +200,7 @@ export class Brush<V extends Vector = Vector> {
    */
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const { editor } = this,
-      { height, width } = editor.view,
+      { height, width } = editor.viewport.view,
       middle: Vector2 = [width / 2, height / 2];
     const size = keyPlace(editor.keys, "brush-radius", key);
     if (size >= 0) {
@@ -220,7 +219,7 @@ export class Brush<V extends Vector = Vector> {
       if (this.stroke) this.drag(next);
       else this.at = next;
       this.isByKeys = true;
-      editor.messages.announce(`brush at ${editor.placeAt(next).map(formatLength).join(", ")}`);
+      editor.messages.announce(`brush at ${editor.viewport.placeAt(next).map(formatLength).join(", ")}`);
       editor.frames.invalidate();
       return true;
     }

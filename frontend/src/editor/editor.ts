@@ -181,8 +181,9 @@ export class EditorView extends EditorDrawing {
     on("msg:custom", (message) => this.message(message));
     const news = {
       points: () => {
-        tools.foldOffers.drop(); // they were about the points before
+        const { list } = points;
         this.receive();
+        if (points.list !== list) tools.foldOffers.drop(); // they were about the points before
       },
       status: () => messages.showStatus(sender),
       history: () => {

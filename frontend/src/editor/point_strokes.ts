@@ -38,16 +38,12 @@ export class PointStrokes implements BrushHost<Vector2> {
     return this.editor.stage;
   }
 
-  get view() {
-    return this.editor.viewport.view;
+  get viewport() {
+    return this.editor.viewport;
   }
 
   get diagonal() {
     return pictureFrame(this.editor.picture.box).diagonal;
-  }
-
-  placeAt(at: Vector2) {
-    return this.editor.viewport.placeAt(at);
   }
 
   end(isCancelled: boolean) {

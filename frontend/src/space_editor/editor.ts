@@ -232,8 +232,9 @@ export class SpaceEditorView extends EditorDrawing {
     sender.channel.greet();
     const news = {
       points: () => {
-        foldOffers.drop(); // they were about the points before
+        const { list } = points;
         edits.receive();
+        if (points.list !== list) foldOffers.drop(); // they were about the points before
       },
       status: () => messages.showStatus(sender),
       history: () => frames.invalidate(),

@@ -26,7 +26,6 @@ export type PaneEditor = SpaceParts<
   | "edits"
   | "map"
   | "tools"
-  | "brush"
   | "strokes"
   | "modes"
   | "cursor"
@@ -35,7 +34,7 @@ export type PaneEditor = SpaceParts<
 
 export class SpacePane {
   root: HTMLDivElement;
-  head: { title: HTMLButtonElement; place: HTMLSpanElement };
+  head: { title: HTMLButtonElement; place: HTMLSpanElement; letters: HTMLSpanElement[] };
   stage: HTMLDivElement;
   image: PaneImage;
   map: PaneMap;
@@ -43,7 +42,6 @@ export class SpacePane {
   overlay: PaneMarks;
   handles: Handles<FlatPoint>;
   marks: ToolMarks;
-  letters: HTMLSpanElement[];
   slider: HTMLInputElement;
   viewport: Viewport;
   scale: ScaleBar;
@@ -61,6 +59,7 @@ export class SpacePane {
     this.head = {
       title: buttonElement("dnb-sp-title", head, "", () => frames.guard(() => editor.row.enlarge(index))),
       place: pageElement("span", "dnb-sp-place", head),
+      letters: [],
     };
     this.stage = pageElement("div", "dnb-ed-stage dnb-sp-stage", this.root, {
       tabindex: "0",
@@ -73,7 +72,7 @@ export class SpacePane {
     this.overlay = new PaneMarks(this.svg);
     this.handles = new Handles(this.svg, (id) => editor.points.numberOf(id), { label: spaceLabel, tip: spaceTip });
     this.marks = new ToolMarks(this.svg, this.handles.points);
-    this.letters = ["left", "right", "top", "bottom"].map((side) =>
+    this.head.letters = ["left", "right", "top", "bottom"].map((side) =>
       pageElement("span", `dnb-sp-letter dnb-sp-${side}`, this.stage, { "aria-hidden": "true" }),
     );
     this.scale = new ScaleBar(this.stage);
@@ -110,7 +109,7 @@ export class SpacePane {
         "the cross-hair; page up and down go through the slices; question mark lists the keys.",
     );
     [scaled(u, -1), u, scaled(v, -1), v].forEach((way, k) => {
-      setText(this.letters[k]!, sideOf(way, this.info.anatomical));
+      setText(this.head.letters[k]!, sideOf(way, this.info.anatomical));
     });
     setAttributes(this.slider, { min: depths[0], max: depths[1], step: spacing[2], "aria-label": `${name} slice` });
     this.slider.hidden = !isSlice;
@@ -243,17 +242,16 @@ export class SpacePane {
 
   /** Draw the handle that turns, and the plane of the mirror where it is seen from its edge. */
   #drawMarks(flat: FlatPoint[]) {
-    const { brush, edits, modes, points, strokes, tools } = this.editor,
+    const { edits, modes, points, strokes, tools } = this.editor,
       { viewport } = this,
       none = { isOn: false };
-    const isBrush = strokes.pane === this;
     this.marks.update({
       mirror: tools.mirrorIn(this.info) ?? { on: false, axis: "a", at: 0 },
       view: viewport.view,
       gripAway: 34,
       points: flat,
       selected: points.selected.size > 1 ? points.selected : new Set<number>(), // one point has nothing to turn
-      brush: { isOn: brush.isOn, at: isBrush ? brush.at : null, radius: brush.radius },
+      brush: strokes.circleIn(this),
       pen: none,
       isLocked: points.isLocked,
       isHolding: edits.drag0 !== null,

@@ -46,8 +46,15 @@ export class SpaceStrokes implements BrushHost<Vector3> {
     return this.#pane ?? row.paneOf(document.activeElement);
   }
 
-  get view() {
-    return this.pane.viewport.view;
+  /** Of the picture under the pointer; its places are in the volume. */
+  get viewport() {
+    return { view: this.pane.viewport.view, placeAt: (at: Vector2) => this.#placeAt(at) };
+  }
+
+  /** The circle of the brush as it is seen in a picture. */
+  circleIn(pane: SpacePane) {
+    const { isOn, at, radius } = this.editor.brush;
+    return { isOn, at: this.pane === pane ? at : null, radius };
   }
 
   get diagonal() {
@@ -59,7 +66,7 @@ export class SpaceStrokes implements BrushHost<Vector3> {
     if (!this.editor.brush.stroke) this.#pane = pane;
   }
 
-  placeAt(at: Vector2): Vector3 {
+  #placeAt(at: Vector2): Vector3 {
     const { pane } = this,
       [a, b] = pane.viewport.placeAt(at);
     if (!this.editor.brush.stroke) this.#depth = toPane(pane.info, pane.under(at))[2];
