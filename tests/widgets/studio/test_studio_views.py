@@ -166,10 +166,13 @@ def test_the_picture_shows_the_part_that_the_view_shows(studio: Studio, monkeypa
     place = studio.volume.grid.index_to_point([20.0, 3.0, 9.0])
     studio.view.camera = CAMERA
     wish = {"type": "edit_view", "view": "v", "camera": CAMERA, "middle": place.tolist(), "scale": 9.0}
-    for _ in range(2):  # the second time it is the picture already
+    for k in range(2):  # the second time it is the picture already
         deliver(studio.view, wish)
         studio.wait()
-        shown = [message for message in sent if message["type"] == "see"]
+        wait_for(
+            lambda k=k: sum(message["type"] == "see" and message["middle"] is not None for message in sent) == k + 1
+        )
+        shown = [message for message in sent if message["type"] == "see" and message["middle"] is not None]
         assert_allclose(shown[-1]["middle"], studio.session.editing.plane.to_plane(place)[:2])
         assert shown[-1]["scale"] == 9.0
     assert len(shown) == 2
