@@ -330,7 +330,7 @@ class StepPath:
         if not is_shared:
             notes.append(f"the extrusion of {label} changes")
             after = replace(after, extrusion=before.extrusion, curve=before.curve, knots=before.knots, maps=before.maps)
-        self._parts = _PartPaths(before.parts, after.parts)
+        self._parts = PartPaths(before.parts, after.parts)
         if self._parts.is_switched:
             notes.append(f"the rigid parts of {label} change")
         self.before, self.after = before, after
@@ -425,7 +425,7 @@ def _supports(a: Step, b: Step, maps: Sequence[_PointsPath]) -> tuple[float, flo
 class _PointsPath:
     """One set of control points between two key frames."""
 
-    def __init__(self, a: Step, b: Step, index: int, parts: _PartPaths) -> None:
+    def __init__(self, a: Step, b: Step, index: int, parts: PartPaths) -> None:
         first, last = a.maps[index], b.maps[index]
         self.is_same = first.ids == last.ids and np.array_equal(first.active, last.active)
         if not self.is_same:
@@ -546,7 +546,7 @@ def _forward(field: AbstractField, places: Floats, points: ControlPoints) -> Flo
     return np.where(is_found[:, None], y, places - field.displacement(places))  # in a fold: about there
 
 
-class _PartPaths:
+class PartPaths:
     """Rigid parts between two key frames: each moves along one screw."""
 
     def __init__(self, before: tuple[RigidPart, ...], after: tuple[RigidPart, ...]) -> None:

@@ -27,6 +27,7 @@ from deformnb.analysis.gaussian_process import Uncertainty, fit_system, process_
 from deformnb.analysis.quality import STRAIN, FitQuality, affine_split, fit_quality
 from deformnb.checks import check_arguments
 from deformnb.document.deformation import Deformation, Step
+from deformnb.document.motion_paths import PartPaths
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Sides, sides_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
@@ -35,7 +36,7 @@ from deformnb.rbf.forward import ForwardFit, orient_points
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.prediction import ChosenFit, choose_fit, usual_candidates
 from deformnb.rbf.regions import AbstractRegion
-from deformnb.rbf.rigid import RigidInterpolant, scaled_points
+from deformnb.rbf.rigid import RigidInterpolant, RigidPart, carry_points, scaled_points
 from deformnb.rbf.stages import MOST_STAGES, Staged
 from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Plane, Raster
@@ -290,6 +291,40 @@ def safe_points(
             "unfold it by stages."
         )
     return at(largest_safe_share(lambda t: is_fold_free(step.with_points(at(t), key), grid, least, is_tissue)))
+
+
+@check_arguments
+def safe_parts(
+    step: Step, after: tuple[RigidPart, ...], grid: Grid, least: float = LEAST, *, is_tissue: IsTissue | None = None
+) -> tuple[RigidPart, ...]:
+    """The rigid parts of a step, moved as far as is safe on the way to others; their points go with them.
+
+    Parameters
+    ----------
+    after : the same parts with other motions, to each of which there is one screw.
+
+    Returns
+    -------
+    ``after`` itself if that is safe.
+
+    Raises
+    ------
+    DeformError
+        If the map folds at the start of the way.
+    """
+    way = PartPaths(step.parts, after)
+
+    def at(t: float) -> tuple[RigidPart, ...]:
+        return after if t == 1 else way.at(t)
+
+    def is_safe(t: float) -> bool:
+        parts = at(t)
+        maps = tuple(carry_points(points, step.parts, parts) for points in step.maps)
+        return is_fold_free(replace(step, parts=parts, maps=maps), grid, least, is_tissue)
+
+    if not is_safe(0.0):
+        raise DeformError("the map folds before this edit already, so no part of it is safe; unfold it first.")
+    return at(largest_safe_share(is_safe))
 
 
 # ---- the quality of a step's fit -------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -453,6 +453,12 @@ _MOST_VOXELS = 4_000_000
 # parts (inf / inf); this is the largest coordinate that a point may have, and its square is still a float32.
 _NOWHERE = LARGEST_COORDINATE
 
+MaskForm: TypeAlias = Literal["ellipsoid", "box"]
+"""Forms of masks that are drawn."""
+
+# Voxels of a drawn mask along its longest axis, and at least along each: a face then lies within a hundredth of it.
+_MOST_DRAWN, _FEWEST_DRAWN = 64, 8
+
 
 @pytree_node
 @dataclass(frozen=True, eq=False)
@@ -511,6 +517,37 @@ class Mask(AbstractRegion):
             present = np.unique(volume.values)[:20].tolist()
             raise DeformError(f"no voxel of {volume.name or 'the volume'} has a label of {chosen}; it has {present}.")
         return cls(values, volume.grid)
+
+    @classmethod
+    def drawn(cls, form: MaskForm, middle: Sequence[float], radii: Sequence[float], frame: ArrayLike) -> Mask:
+        """An ellipsoid or a box in space, in voxels that are finer than what is seen of it.
+
+        Parameters
+        ----------
+        form : "ellipsoid" or "box".
+        middle : of it. radii : half its lengths along the rows of ``frame``.
+        frame : three unit vectors at right angles, one in each row.
+
+        Examples
+        --------
+        >>> ball = Mask.drawn("ellipsoid", (10, 20, 30), (5, 5, 5), np.eye(3))
+        >>> ball.signed_distance([[10, 20, 30], [18, 20, 30]]).round().tolist()
+        [-5.0, 3.0]
+        """
+        if form not in get_args(MaskForm):
+            raise DeformError(f"a mask is drawn as one of {', '.join(get_args(MaskForm))}, got {form!r:.40}.")
+        axes, half = np.asarray(frame, dtype=np.float64), np.asarray(radii, dtype=np.float64)
+        if not (np.isfinite(half).all() and (half > 0).all()):
+            raise DeformError(f"the radii of a drawn mask must be positive lengths, got {half.tolist()}.")
+        counts = np.maximum(_FEWEST_DRAWN, np.ceil(_MOST_DRAWN * half / half.max())).astype(int)
+        spacing, sizes = 2 * half / counts, counts + 2  # a layer around it in which nothing is set
+        origin = np.asarray(middle, dtype=np.float64) - (spacing * (sizes - 1) / 2) @ axes
+        u, v, n = (np.abs(2 * np.arange(size) - size + 1) / count for size, count in zip(sizes, counts, strict=True))
+        z, y, x = np.meshgrid(n, v, u, indexing="ij")
+        values = x * x + y * y + z * z <= 1 if form == "ellipsoid" else np.maximum(np.maximum(x, y), z) <= 1
+        direction: Any = tuple(map(tuple, axes.T.tolist()))
+        shape: Any = tuple(int(k) for k in sizes[::-1])
+        return cls(values, Grid(shape, tuple(spacing.tolist()), tuple(origin.tolist()), direction))
 
     def silhouette(self, plane: Plane) -> Mask:
         """Silhouette of a mask in space on a picture: every pixel with a voxel of it in front or behind."""

@@ -241,8 +241,9 @@ export interface PointData {
 
 /** A forward motion y = matrix x + shift. */
 export interface MotionData {
-  /** Two rows; 2 items. */
+  /** Two rows, in space three; 2 to 3 items. */
   matrix: [[number, number], [number, number]];
+  /** 2 to 3 items. */
   shift: [number, number];
 }
 
@@ -311,14 +312,16 @@ export interface LineData {
   stops?: [boolean, boolean];
 }
 
-/** A half plane; the normal points out of it. */
+/** A half plane, or a half of space; the normal points out of it. */
 export interface HalfSpaceData {
   kind: "half_space";
+  /** 2 to 3 items. */
   point: [number, number];
+  /** 2 to 3 items. */
   normal: [number, number];
 }
 
-/** The pixels of a region. */
+/** The pixels or voxels of a region. */
 export interface MaskData {
   kind: "mask";
   /** Rows and columns; 2 to 3 items. */
@@ -342,7 +345,7 @@ export interface PartData {
   reach: number | null;
   /** Null is at rest. */
   motion: MotionData | null;
-  /** Place about which it is turned, before its motion; null is the middle of its region. */
+  /** Place about which it is turned, before its motion; null is the middle of its region; 2 to 3 items. */
   pivot?: [number, number] | null;
 }
 
@@ -462,6 +465,21 @@ export interface ShowPoint {
   type: "look";
   /** Of the point; from 0. */
   id: number;
+}
+
+/** A rigid part that was drawn in the slices; the traits parts and chosen_shape have it then. */
+export interface DrawnPart {
+  type: "part";
+  /** Id of the window; 1 to 40 characters. */
+  sender: string;
+  /** Number of the message, counted by the sender; from 0. */
+  seq: number;
+  /** Of its region. */
+  form: "ellipsoid" | "box";
+  /** Of its region, (x, y, z). */
+  middle: [number, number, number];
+  /** Half its lengths along u, v and n of the first of panes. */
+  radii: [number, number, number];
 }
 
 /** A new front end, which needs all pictures. */
@@ -1135,8 +1153,8 @@ export interface PaneContent {
   channels: number;
   /** Whether a buffer with depths follows the pixels. */
   hasDepths: boolean;
-  /** Rows and columns of the outlines' buffer. */
-  shapes: [number, number] | null;
+  /** Rows and columns of the buffer of cuts. */
+  cuts: [number, number] | null;
 }
 
 /** A cut: the region is deformed by its own points alone. */
@@ -1157,7 +1175,7 @@ export type EditorToPython = Greeting | PointsEdit | HistoryRequest | ShapesEdit
 export type EditorToFrontEnd = EditDone | EditRefused | DrawShape | ProposedParts | ShowPart | ShowPoint | WindowPointer;
 
 /** Any message of SpaceEditor. */
-export type SpaceEditorToPython = Greeting | PointsEdit | HistoryRequest | PicturesWanted | SlicesMoved | Seen;
+export type SpaceEditorToPython = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | DrawnPart | PicturesWanted | SlicesMoved | Seen;
 
 /** Any message of SpaceEditor. */
 export type SpaceEditorToFrontEnd = EditDone | EditRefused | ShowPoint | Pictures;

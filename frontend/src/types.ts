@@ -68,6 +68,22 @@ export type Motion = MotionData | null;
 /** A cut or a rigid part. */
 export type ShapeData = CutData | PartData;
 
+/** A motion in space: y = matrix x + shift. */
+export interface SpaceMotion {
+  matrix: Matrix3;
+  shift: Vector3;
+}
+
+/** A region in space. */
+export type SpaceRegion = { kind: "half_space"; point: Vector3; normal: Vector3 } | ({ kind: "mask" } & SpaceMask);
+
+/** A rigid part of a step in space, for which messages have the type of one on a picture. */
+export interface SpacePart extends Omit<PartData, "region" | "motion" | "pivot"> {
+  region: SpaceRegion;
+  motion: SpaceMotion | null;
+  pivot?: Vector3 | null;
+}
+
 /** A kernel that was registered in Python, as deformnb/widgets/kernel_table.py writes it. */
 export interface KernelTable {
   name: string;

@@ -109,7 +109,7 @@ def test_keys_turn_and_scale_what_is_selected_in_the_picture_that_has_the_focus(
 def test_the_round_arrow_turns_and_one_point_is_refused(open_editor: Any, pairs: ControlPoints) -> None:
     space = open_editor(pairs)
     select(space, 0, 1, 2, 3)
-    marks = space.page.page.locator(".dnb-ed-turn")
+    marks = space.page.page.locator("[data-mark=turn]")
     assert [marks.nth(k).is_visible() for k in range(3)] == [True, True, True]
     box = marks.nth(AXIAL).locator(".dnb-ed-turn-disc").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2

@@ -19,6 +19,7 @@ from deformnb.document.step_checks import (
     is_fold_free,
     picture_raster,
     required_stages,
+    safe_parts,
     safe_points,
     safe_strength,
     step_folds,
@@ -29,8 +30,8 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.fitting import fit_rigid
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.regions import HalfSpace, Line, Polygon
-from deformnb.rbf.rigid import RigidMotion, RigidPart
+from deformnb.rbf.regions import HalfSpace, Line, Mask, Polygon
+from deformnb.rbf.rigid import RigidMotion, RigidPart, carry_points
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 
@@ -174,6 +175,25 @@ def test_an_edit_goes_as_far_as_is_safe() -> None:
     assert 15.0 < stopped.target[-1, 0] < 40.0
     with pytest.raises(DeformError, match="folds before this edit"):
         safe_points(step, after, after.move(4, [50.0, 40.0]), GRID)
+
+
+def test_a_part_goes_as_far_as_is_safe_and_takes_its_points_along() -> None:
+    grid = Grid((24, 24, 24))
+    bone = RigidPart(Mask.drawn("box", (11.5, 11.5, 11.5), (4, 4, 4), np.eye(3)), name="bone")
+    around = ControlPoints.from_arrays([[x, y, z] for x in (2, 21) for y in (2, 21) for z in (2, 21)])
+    step = Step((around.add([12.0, 12.0, 12.0], [12.0, 12.0, 12.0]),), None, trend="none", parts=(bone,))
+    near, far = (replace(bone, motion=RigidMotion.turn(0, (0, 0, 0), (x, 0, 0), (0, 0, 1))) for x in (0.5, 9.0))
+    after = (near,)
+    assert safe_parts(step, after, grid) is after
+    (stopped,) = safe_parts(step, (far,), grid)
+    assert stopped.motion is not None
+    assert 0.5 < stopped.motion.shift[0] < 9.0
+    assert stopped.motion.shift[1:] == (0.0, 0.0)
+    moved = carry_points(step.points, step.parts, (stopped,))
+    assert_allclose(moved.target[-1], [12 + stopped.motion.shift[0], 12, 12])
+    assert is_fold_free(replace(step, parts=(stopped,), maps=(moved,)), grid)
+    with pytest.raises(DeformError, match="folds before this edit"):
+        safe_parts(replace(step, parts=(far,), maps=(carry_points(step.points, (bone,), (far,)),)), after, grid)
 
 
 # -- quality -----------------------------------------------------------------------------------------------------------

@@ -214,3 +214,23 @@ def test_masks_are_compared_by_their_voxels_and_do_not_change() -> None:
     assert len({mask, Mask(mask.values.copy(), RASTER)}) == 1
     with pytest.raises(ValueError, match="read-only"):
         mask.values[0, 0] = True
+
+
+@pytest.mark.parametrize("form", ["ellipsoid", "box"])
+def test_a_drawn_mask_has_its_form(form: Any) -> None:
+    rng = np.random.default_rng(7)
+    frame, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    middle, radii = np.array([4.0, -9.0, 30.0]), np.array([8.0, 3.0, 5.0])
+    mask = Mask.drawn(form, middle, radii, frame)
+    places = middle + rng.uniform(-1.3, 1.3, (4000, 3)) * radii @ frame
+    at = (places - middle) @ frame.T / radii
+    size = np.linalg.norm(at, axis=1) if form == "ellipsoid" else np.abs(at).max(axis=1)
+    sure = np.abs(size - 1) > 0.07  # a voxel has an eighth of the smallest radius at most
+    np.testing.assert_array_equal(mask.signed_distance(places[sure]) < 0, size[sure] < 1)
+    assert sure.mean() > 0.7
+
+
+@pytest.mark.parametrize(("form", "radii"), [("ball", (1, 1, 1)), ("box", (1, 0, 1)), ("box", (1, np.inf, 1))])
+def test_a_mask_that_cannot_be_drawn_says_why(form: Any, radii: Any) -> None:
+    with pytest.raises(DeformError, match=r"drawn as one of|positive lengths"):
+        Mask.drawn(form, (0, 0, 0), radii, np.eye(3))

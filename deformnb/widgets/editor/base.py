@@ -33,10 +33,12 @@ from deformnb.widgets.messages.editors import (
     Greeting,
     HistoryRequest,
     PointsEdit,
+    ShapeChoice,
     ShapesEdit,
 )
 from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.messages.record import Channel, Refused
+from deformnb.widgets.messages.shapes import place_of, shapes_to_json, track_index
 from deformnb.widgets.messages.traits import checked_state
 from deformnb.widgets.synced import SyncedWidget
 
@@ -118,6 +120,9 @@ _LOG = logging.getLogger(__name__)
 # Windows that have shown an editor and may still have an edit in transit.
 _WINDOWS = 8
 
+ShapesCallback = Callable[[ShapesEdit], None]
+"""Called with each edit of cuts or rigid parts by the front end."""
+
 EditCallback = Callable[[ControlPoints, str], None]
 """Called with the points and "move" or "end"."""
 
@@ -175,7 +180,10 @@ class SettingsTrait(traitlets.TraitType[FitSettings, FitSettings]):
 
 
 class EditedPoints(SyncedWidget):
-    """Control points that are edited in the front end; ``points`` is a :class:`PointsTrait` of each editor.
+    """Control points, cuts and rigid parts that are edited in the front end.
+
+    ``points`` is a :class:`PointsTrait` of each editor, ``cuts`` and ``parts`` are a
+    :class:`~deformnb.widgets.messages.shapes.ShapesTrait`.
 
     Attributes
     ----------
@@ -187,6 +195,8 @@ class EditedPoints(SyncedWidget):
     """
 
     points: Any
+    cuts: Any
+    parts: Any
     channel: ClassVar[Channel[Any]] = EDITOR
     front_end_traits: Mapping[str, Callable[[Any], None]] = FRONT_END_TRAITS
     chooses_support = True
@@ -198,6 +208,7 @@ class EditedPoints(SyncedWidget):
     seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
     history = traitlets.Dict(help="what Python would undo and redo; empty if the front end does").tag(sync=True)
     selected = traitlets.List(traitlets.Int()).tag(sync=True)
+    chosen_shape = traitlets.Dict(help="the cut or part that is chosen, {} for none").tag(sync=True)
     settings = SettingsTrait()
     lone_support = traitlets.Float(1.0, help="support radius where the points do not determine it").tag(sync=True)
     height = traitlets.Int(560, min=120, max=4096).tag(sync=True)
@@ -212,6 +223,7 @@ class EditedPoints(SyncedWidget):
     def __init__(self, **given: Any) -> None:
         self._callbacks: list[tuple[Callable[..., None], bool]] = []
         self._history_callbacks: list[HistoryCallback] = []
+        self._shapes_callbacks: list[ShapesCallback] = []
         self.edit_under_way: Any = None  # for observers: the message that changes a trait, None for code
         self._drawn: dict[str, float] = {}
         own = {name: given.pop(name) for name in SETTINGS if name in given}
@@ -252,6 +264,21 @@ class EditedPoints(SyncedWidget):
         else:
             self._history_callbacks.append(callback)
 
+    def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
+        """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the front end.
+
+        ``edit`` is a :class:`~deformnb.widgets.messages.editors.ShapesEdit`: ``what`` ("cuts" or "parts"), ``kind``
+        (in words) and ``shapes``. Exceptions of the callback are logged and shown in the front end.
+        """
+        if remove:
+            self._shapes_callbacks.remove(callback)
+        else:
+            self._shapes_callbacks.append(callback)
+
+    def choose(self, what: str | None, index: int = 0) -> None:
+        """Mark a shape in the front end: one of the "cuts" or "parts" by its place in the list; None marks none."""
+        self.chosen_shape = {} if what is None else {"what": what, "index": index}
+
     def take_message(self, message: Any, buffers: Any = ()) -> None:
         try:
             message = _checked_message(message, self.points.dim, self.next_id)
@@ -278,6 +305,8 @@ class EditedPoints(SyncedWidget):
         if isinstance(message, HistoryRequest):
             for step in tuple(self._history_callbacks):
                 step(message.way)
+        elif isinstance(message, ShapeChoice | ShapesEdit):
+            self._take_shapes(message)
         elif isinstance(message, PointsEdit) and message.seq > self.seen.get(message.sender, -1):
             if message.phase == "end":
                 self._drawn = _measurements(message.drawn) or self._drawn
@@ -291,6 +320,27 @@ class EditedPoints(SyncedWidget):
                 self._note(message)
             for callback, details in tuple(self._callbacks):
                 callback(message) if details else callback(message.points, message.phase)
+
+    def _take_shapes(self, message: ShapeChoice | ShapesEdit) -> None:
+        if isinstance(message, ShapeChoice):
+            shapes = [] if message.what is None else shapes_to_json(message.what, getattr(self, message.what))
+            place = place_of(message.index, message.shape, shapes)
+            self.choose(None if place is None else message.what, place or 0)
+        elif message.seq > self.seen.get(message.sender, -1):
+            before = getattr(self, message.what)
+            self.edit_under_way = message
+            try:
+                setattr(self, message.what, message.shapes)
+                self.points = self.points if message.points is None else message.points
+            except DeformError as error:  # of an observer: these shapes are refused
+                setattr(self, message.what, before)
+                self.post(EditRefused(message=f"Python did not take these {message.what}: {error}"))
+                return
+            finally:
+                self.edit_under_way = None
+            self._note(message)
+            for callback in tuple(self._shapes_callbacks):
+                callback(message)
 
     def _note(self, message: FromWindow) -> None:
         # After the points and not together with them: until the front end reads this it leaves the points alone, and
@@ -362,6 +412,24 @@ class EditedPoints(SyncedWidget):
         if value and (set(value) != {"undo", "redo"} or not all(isinstance(v, str) for v in value.values())):
             raise DeformError(f'the history must be {{}} or texts for "undo" and "redo", got {value}.')
         return value
+
+    @traitlets.validate("chosen_shape")
+    def _valid_shape(self, proposal: Any) -> dict[str, Any]:
+        value = dict(proposal["value"])
+        count = len(getattr(self, value["what"])) if value.get("what") in ("cuts", "parts") else 0
+        if value and not (set(value) == {"what", "index"} and value["index"] in range(count)):
+            raise DeformError(
+                'the chosen shape must be {} or {"what": "cuts" or "parts", "index": its place} of one '
+                f"that is there, got {value}."
+            )
+        return value
+
+    @traitlets.observe("cuts", "parts")
+    def _follow_the_chosen_shape(self, change: Any) -> None:
+        chosen = self.chosen_shape
+        if chosen and chosen["what"] == change["name"]:
+            place = track_index(change["old"], change["new"], chosen["index"])
+            self.choose(None if place is None else chosen["what"], place or 0)
 
     @traitlets.validate("mirror", "snap")
     def _check_front_end_trait(self, proposal: Any) -> Any:

@@ -42,15 +42,12 @@ from deformnb.widgets.messages.editors import (
     WINDOWS_AROUND,
     DrawShape,
     EditRefused,
-    FromWindow,
     ProposedParts,
-    ShapeChoice,
-    ShapesEdit,
     ShowPoint,
     WandRequest,
     WindowPointer,
 )
-from deformnb.widgets.messages.shapes import ShapesTrait, place_of, shapes_to_json, track_index
+from deformnb.widgets.messages.shapes import ShapesTrait, shapes_to_json
 from deformnb.widgets.messages.traits import OVERLAYS
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.view.base import PlanarFit
@@ -168,9 +165,6 @@ def preview_png(
 
 _LOG = logging.getLogger(__name__)
 
-ShapesCallback = Callable[[ShapesEdit], None]
-"""Called with each edit of cuts or rigid parts by the front end."""
-
 # The support radius of one point without trend where there is no volume: a bump that one can see and grab.
 _LONE_POINT_SHARE = 0.25
 
@@ -255,9 +249,8 @@ class Editor(EditedPoints):
     _css = bundle("editor.css")
 
     points = PointsTrait(2)
-    cuts = ShapesTrait("cuts")
-    parts = ShapesTrait("parts")
-    chosen_shape = traitlets.Dict(help="the cut or part that is chosen, {} for none").tag(sync=True)
+    cuts = ShapesTrait("cuts", 2)
+    parts = ShapesTrait("parts", 2)
     cut_rule = traitlets.Enum(list(CUT_RULES), next(iter(CUT_RULES))).tag(sync=True)
     density = traitlets.Int(16, min=0, max=64).tag(sync=True)
     show_grid = traitlets.Bool(True).tag(sync=True)
@@ -308,7 +301,6 @@ class Editor(EditedPoints):
         self._previous: AbstractField | None = None
         self._picture = picture
         self._deformed: Picture | None = None
-        self._shapes_callbacks: list[ShapesCallback] = []
         self._wand_callbacks: list[Callable[[WandRequest], None]] = []
         super().__init__(points=given, **{**_picture_traits(picture, raster, given), **settings})
 
@@ -401,10 +393,6 @@ class Editor(EditedPoints):
             raise DeformError(f'there is no pen for {tool!r}; choose "cut", "part" or "fixed".')
         self.post(DrawShape(tool=tool))
 
-    def choose(self, what: str | None, index: int = 0) -> None:
-        """Mark a shape in the front end: one of the "cuts" or "parts" by its place in the list; None marks none."""
-        self.chosen_shape = {} if what is None else {"what": what, "index": index}
-
     def propose(self, parts: Sequence[RigidPart], kind: str) -> None:
         """Let the front end replace the rigid parts, after its user has decided about points that contradict them.
 
@@ -418,17 +406,6 @@ class Editor(EditedPoints):
         """Center the front end's view on the point with this id, nearer if all of the picture is seen."""
         self.points.index(point)
         self.post(ShowPoint(id=point))
-
-    def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
-        """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the front end.
-
-        ``edit`` is a :class:`~deformnb.widgets.messages.editors.ShapesEdit`: ``what`` ("cuts" or "parts"), ``kind``
-        (in words) and ``shapes``. Exceptions of the callback are logged and shown in the front end.
-        """
-        if remove:
-            self._shapes_callbacks.remove(callback)
-        else:
-            self._shapes_callbacks.append(callback)
 
     def on_wand(self, callback: Callable[[WandRequest], None]) -> None:
         """Call ``callback(message)`` when the wand is used in the front end.
@@ -451,47 +428,6 @@ class Editor(EditedPoints):
         except Exception as error:  # of any callback: it must not end the connection with the front end
             _LOG.exception("a callback of the wand failed")
             self.post(EditRefused(message=f"{type(error).__name__} in a callback: {error}"))
-
-    def _take(self, message: FromWindow) -> None:
-        if isinstance(message, ShapeChoice):
-            shapes = [] if message.what is None else shapes_to_json(message.what, getattr(self, message.what))
-            place = place_of(message.index, message.shape, shapes)
-            self.choose(None if place is None else message.what, place or 0)
-        elif not isinstance(message, ShapesEdit):
-            super()._take(message)
-        elif message.seq > self.seen.get(message.sender, -1):
-            before = getattr(self, message.what)
-            self.edit_under_way = message
-            try:
-                setattr(self, message.what, message.shapes)
-                self.points = self.points if message.points is None else message.points
-            except DeformError as error:  # of an observer: these shapes are refused
-                setattr(self, message.what, before)
-                self.post(EditRefused(message=f"Python did not take these {message.what}: {error}"))
-                return
-            finally:
-                self.edit_under_way = None
-            self._note(message)
-            for callback in tuple(self._shapes_callbacks):
-                callback(message)
-
-    @traitlets.validate("chosen_shape")
-    def _valid_shape(self, proposal: Any) -> dict[str, Any]:
-        value = dict(proposal["value"])
-        count = len(getattr(self, value["what"])) if value.get("what") in ("cuts", "parts") else 0
-        if value and not (set(value) == {"what", "index"} and value["index"] in range(count)):
-            raise DeformError(
-                'the chosen shape must be {} or {"what": "cuts" or "parts", "index": its place} of one '
-                f"that is there, got {value}."
-            )
-        return value
-
-    @traitlets.observe("cuts", "parts")
-    def _follow_the_chosen_shape(self, change: Any) -> None:
-        chosen = self.chosen_shape
-        if chosen and chosen["what"] == change["name"]:
-            place = track_index(change["old"], change["new"], chosen["index"])
-            self.choose(None if place is None else chosen["what"], place or 0)
 
     @traitlets.validate("uncertainty_facts")
     def _checked_uncertainty_facts(self, proposal: Any) -> dict[str, Any]:

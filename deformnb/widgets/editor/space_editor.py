@@ -26,6 +26,8 @@ from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, compose
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import Mask
+from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Picture
 from deformnb.volume.transfer import TransferFunction, preset
@@ -37,20 +39,23 @@ from deformnb.widgets.editor.space_slices import (
     SLICE_PROJECTIONS,
     Shown,
     SpacePictures,
-    shapes_on,
+    cuts_on,
     slice_folds,
     tissue_mask,
 )
 from deformnb.widgets.messages.editors import (
     SPACE_EDITOR,
+    DrawnPart,
     FromWindow,
     Pictures,
     PicturesWanted,
     PointsEdit,
+    ShapesEdit,
     ShowPoint,
     SlicesMoved,
 )
 from deformnb.widgets.messages.record import Seen
+from deformnb.widgets.messages.shapes import ShapesTrait
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.view.transport import Pacer
 from deformnb.widgets.worker import Worker
@@ -144,7 +149,8 @@ class SpaceEditor(EditedPoints):
     volume : to deform.
     points : control points of dimension 3; default is none.
     before : the deformation before this step, a backward field in space.
-    options : further fields of the step, such as its rigid ``parts``: see :meth:`step`.
+    options : further fields of the step, such as its rigid ``parts`` and ``cuts``, which are traits too: see
+        :meth:`step`.
     window : values that are black and white; default is from the background to the densest tissue.
     transfer : of composite pictures, or the name of a preset.
     cursor : the place (x, y, z) through which the slices go; default is the middle.
@@ -184,6 +190,8 @@ class SpaceEditor(EditedPoints):
     _css = bundle("space_editor.css")
 
     points = PointsTrait(3)
+    cuts = ShapesTrait("cuts", 3)
+    parts = ShapesTrait("parts", 3)
     channel = SPACE_EDITOR
     front_end_traits = SPACE_TRAITS
     mirror = traitlets.Dict({"on": False, "axis": "x", "at": None}).tag(sync=True)
@@ -216,9 +224,9 @@ class SpaceEditor(EditedPoints):
         volume = as_volume(volume)
         self._lock = threading.RLock()  # callbacks run in another thread than cells
         self._window, self._transfer = window, transfer
-        self._before, self._options = before, dict(options or {})
+        self._before, self._options = before, _without_shapes(options or {})
         self._last = LastField()
-        self._moved: ControlPoints | None = None
+        self._moved: tuple[ControlPoints, tuple[RigidPart, ...]] | None = None
         self._lifted: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
         self.sender = PaneSender(weakly(self, SpaceEditor._draw))
         traits = self._volume_traits(volume)
@@ -226,9 +234,11 @@ class SpaceEditor(EditedPoints):
             **{**traits, "label": volume.name or "Volume", "height": 360, **settings},
             points=ControlPoints.empty(3) if points is None else points,
             window=list(window or ()),
+            **{name: (options or {}).get(name, ()) for name in _SHAPES},
         )
         self._update_tissue()
         self.observe(self._window_chosen, "window")
+        self.observe(self._shapes_changed, _SHAPES)
         shown = ["points", "settings", "revision", "cursor", "projection", "shows_original"]
         self.observe(lambda change: self._changed(), shown)
         close_earlier_of_this_cell(self)
@@ -261,9 +271,12 @@ class SpaceEditor(EditedPoints):
         self.revision += 1
 
     def _update_tissue(self) -> None:
-        has_shapes = bool(self._options.get("cuts") or self._options.get("parts"))
         mask = {} if self._before is not None or self.read_only else tissue_mask(self.volume)
-        self.tissue = None if has_shapes else mask
+        self.tissue = None if self.cuts or self.parts else mask
+
+    def _shapes_changed(self, _change: Any) -> None:
+        self._update_tissue()
+        self.revision += 1
 
     @property
     def before(self) -> AbstractField | None:
@@ -304,13 +317,14 @@ class SpaceEditor(EditedPoints):
     @property
     def options(self) -> dict[str, Any]:
         """Further fields of the step, such as its rigid ``parts``; set it again to change them."""
-        return dict(self._options)
+        return {**self._options, **{name: shapes for name in _SHAPES if (shapes := getattr(self, name))}}
 
     @options.setter
     def options(self, options: dict[str, Any]) -> None:
         replace(self.step(), **options)  # refuses what no step has
-        self._options = dict(options)
-        self._update_tissue()
+        self._options = _without_shapes(options)
+        for name in _SHAPES:
+            setattr(self, name, options.get(name, ()))
         self.revision += 1
 
     def fit(self) -> AbstractField:
@@ -330,25 +344,26 @@ class SpaceEditor(EditedPoints):
         ----------
         options : further fields of the step, in addition to those of ``editor.options``.
         """
-        return self._step(self.points, options)
+        return self._step(self.points, **options)
 
-    def _step(self, points: ControlPoints, options: dict[str, Any]) -> Step:
-        return Step((points,), None, **{**self.settings.as_dict(), **self._options, **options})
+    def _step(self, points: ControlPoints, **options: Any) -> Step:
+        return Step((points,), None, **{**self.settings.as_dict(), **self.options, **options})
 
     def look_at(self, point: int) -> None:
         """Move the slices to the target of the point with this id."""
         self.cursor = self.points.target[self.points.index(point)].tolist()
         self.post(ShowPoint(id=point))
 
-    def field(self, points: ControlPoints | None = None) -> AbstractField:
-        """The whole deformation: that before, and then these points or the editor's own.
+    def field(self, points: ControlPoints | None = None, parts: tuple[RigidPart, ...] | None = None) -> AbstractField:
+        """The whole deformation: that before, and then these points and rigid parts or the editor's own.
 
         Raises
         ------
         DeformError
             If the points cannot be fitted.
         """
-        step = self._step(self.points if points is None else points, {}).field(self.volume.finest_grid)
+        parts = self.parts if parts is None else parts
+        step = self._step(self.points if points is None else points, parts=parts).field(self.volume.finest_grid)
         return step if self._before is None else compose(self._before, step)
 
     def preview_png(self) -> bytes:
@@ -402,9 +417,21 @@ class SpaceEditor(EditedPoints):
             message = structs.replace(message, points=self._with_sources(message.points))
             self.sender.is_moving = message.phase == "move"
             if self.sender.is_moving:
-                self._moved = message.points
+                self._moved = message.points, message.with_part(self.parts)
                 self.sender.offer()
+        drawn, count = isinstance(message, DrawnPart), len(self.parts)
+        if isinstance(message, DrawnPart):
+            region = Mask.drawn(message.form, message.middle, message.radii, self._pictures.panes[0].plane.frame)
+            message = ShapesEdit(
+                sender=message.sender,
+                seq=message.seq,
+                what="parts",
+                kind="add rigid part",
+                shapes=(*self.parts, RigidPart(region)),
+            )
         super()._take(message)
+        if drawn and len(self.parts) > count:
+            self.choose("parts", count)
 
     def _with_sources(self, points: ControlPoints) -> ControlPoints:
         """Points of the front end; the source of a new one is the tissue seen at its place.
@@ -422,15 +449,12 @@ class SpaceEditor(EditedPoints):
         return replace(points, source=source)
 
     def _origin(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
-        field = None if self.shows_original else self._field(self.points)
+        field = None if self.shows_original else self._field(self.points, self.parts)
         if field is None:
             return place.copy()
         if self._before is not None:  # sources are places of what this step is given
-            field = self._last_fit(self.points)
+            field = self._step(self.points).field(self.volume.finest_grid)
         return np.asarray(place + field.displacement(place) / (self.strength or 1.0))
-
-    def _last_fit(self, points: ControlPoints) -> AbstractField:
-        return self._step(points, {}).field(self.volume.finest_grid)
 
     # ---- pictures ---------------------------------------------------------------------------------------------------
 
@@ -438,15 +462,17 @@ class SpaceEditor(EditedPoints):
         self._moved = None
         self.sender.offer()
 
-    def _field(self, points: ControlPoints) -> AbstractField | None:
-        """Field of these points; the last good one where they cannot be fitted, and the reason."""
-        key = (points, self.volume, self._before, self._options, self.settings)
-        return self._last.of(key, lambda: self.field(points) if len(points) or self._before is not None else None)
+    def _field(self, points: ControlPoints, parts: tuple[RigidPart, ...]) -> AbstractField | None:
+        """Field of these points and parts; the last good one where they cannot be fitted, and the reason."""
+        key = (points, self.volume, self._before, self._options, self.cuts, parts, self.settings)
+        is_any = bool(len(points) or parts or self._before is not None)
+        return self._last.of(key, lambda: self.field(points, parts) if is_any else None)
 
     def _draw(self, number: int, view: str | None) -> None:
-        points, is_moving, start = self._moved or self.points, self.sender.is_moving, time.monotonic()
+        (points, parts), is_moving = self._moved or (self.points, self.parts), self.sender.is_moving
+        start = time.monotonic()
         try:
-            field = self._field(points)
+            field = self._field(points, parts)
             images = self._images(None if self.shows_original else field, is_moving, all_of_them=view is not None)
             facts = dict(self._last.facts)
             facts["window"] = list(self._pictures.window)
@@ -474,12 +500,12 @@ class SpaceEditor(EditedPoints):
         most = self.sender.most(is_moving)
         for index, pane in enumerate(pictures.panes):
             depth = pane.depth_of(cursor) if projection == "slice" else None
-            key = (pictures, field, projection, depth, most, self._options)
+            key = (pictures, field, projection, depth, most, self.cuts)
             if key == self.sender.sent.get(index) and not all_of_them:
                 continue
             if projection == "slice":
                 made = pictures.slice(index, field, cursor, most)
-                images[index] = replace(made, shapes=shapes_on(pane, pane.depth_of(cursor), self.step()))
+                images[index] = replace(made, cuts=cuts_on(pane, pane.depth_of(cursor), self.cuts))
             else:
                 images[index] = pictures.projection(index, field, projection, is_quick=is_moving)
             self.sender.sent[index] = key
@@ -509,6 +535,13 @@ class SpaceEditor(EditedPoints):
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         return with_png(super()._repr_mimebundle_(**options), self.preview_png)
+
+
+_SHAPES = ["cuts", "parts"]  # fields of a step that are traits of the editor
+
+
+def _without_shapes(options: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if name not in _SHAPES}
 
 
 def _is_same(a: Any, b: Any) -> bool:

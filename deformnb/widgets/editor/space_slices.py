@@ -8,6 +8,7 @@ volume.
 from __future__ import annotations
 
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args
 
@@ -16,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.analysis.folds import Folds, find_folds
 from deformnb.checks import check_window
-from deformnb.document.deformation import Step
 from deformnb.document.json_regions import region_to_data
 from deformnb.imaging.projection import project
+from deformnb.rbf.cuts import Cut
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.regions import HalfSpace
 from deformnb.volume.colour_maps import COLOUR_MAPS, colour_table
@@ -41,7 +42,7 @@ _MAXIMUM, _LIGHT = (96**3, 192**3), (64**3, 128**3)
 _LARGEST_SIDE = 2048
 # Nodes along the longest side of the lattice on which folds are looked for.
 _FOLD_NODES, _QUICK_FOLD_NODES = 24, 12  # at rest, and while points move: a few milliseconds
-_SHAPE_PIXELS = 192  # along the longer side, of parts and cuts on a slice
+_SHAPE_PIXELS = 192  # along the longer side, of cuts on a slice
 _FLAT, _FAINT = 0.1, 0.15  # a cut that leaves a slice no faster, by length, covers much of it and is tinted as faintly
 _OPAQUE = 0.5  # accumulated in front of a place: there the surface of a composite picture is
 
@@ -134,13 +135,13 @@ class Shown:
     values : uint8 (nv, nu) or (nv, nu, 3).
     raster : of its pixels.
     depths : of projections, the depth that is seen at each pixel, float32 (nv, nu).
-    shapes : of slices, uint8 (n, m, 2) over the same box: how much of each place is in a rigid part, and on a cut.
+    cuts : of slices, uint8 (n, m) over the same box: how much of each place is on a cut.
     """
 
     values: NDArray[np.uint8]
     raster: Raster
     depths: NDArray[np.float32] | None = None
-    shapes: NDArray[np.uint8] | None = None
+    cuts: NDArray[np.uint8] | None = None
 
     def message(self) -> tuple[dict[str, Any], list[bytes]]:
         """Message about the pane, and its buffers."""
@@ -151,9 +152,9 @@ class Shown:
             "origin": list(raster.origin),
             "channels": 1 if self.values.ndim == 2 else 3,
             "hasDepths": self.depths is not None,
-            "shapes": None if self.shapes is None else list(self.shapes.shape[:2]),
+            "cuts": None if self.cuts is None else list(self.cuts.shape),
         }
-        parts = [self.values, None if self.depths is None else self.depths.astype("<f4"), self.shapes]
+        parts = [self.values, None if self.depths is None else self.depths.astype("<f4"), self.cuts]
         return about, [np.ascontiguousarray(part).tobytes() for part in parts if part is not None]
 
 
@@ -231,27 +232,20 @@ def _layers(volume: Volume, plane: Plane) -> tuple[NDArray[Any], NDArray[np.floa
     return layers, np.linspace(corners.min(), corners.max(), len(layers))
 
 
-def shapes_on(pane: Pane, depth: float, step: Step) -> NDArray[np.uint8] | None:
-    """Coverage of a slice by the rigid parts and the cuts of a step in space; None if it has none.
-
-    Shares of 255, uint8 (n, m, 2): of each place how much is in a part at its moved place, and on a cut.
-    """
-    parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
-    cuts = [cut.region for cut in step.cuts if cut.enabled]
-    if not parts and not cuts:
+def cuts_on(pane: Pane, depth: float, cuts: Sequence[Cut]) -> NDArray[np.uint8] | None:
+    """Coverage of a slice by cuts, in shares of 255, uint8 (n, m); None if there are none."""
+    regions = [cut.region for cut in cuts if cut.enabled]
+    if not regions:
         return None
     raster = pane.raster(_SHAPE_PIXELS)
     points = raster.points()
     x = pane.plane.from_plane(np.concatenate([points, np.full((*raster.shape, 1), depth)], axis=-1))
-    shares, pixel = np.zeros((*raster.shape, 2)), max(raster.spacing)
-    for part in parts:
-        far = part.region.signed_distance(x if part.motion is None else part.motion.inverse(x))
-        shares[..., 0] = np.maximum(shares[..., 0], np.clip(0.5 - far / pixel, 0, 1))
-    for region in cuts:
+    shares, pixel = np.zeros(raster.shape), max(raster.spacing)
+    for region in regions:
         far = region.signed_distance(x)
         rows, columns = np.gradient(far, *raster.spacing[::-1])
         strength = np.where(np.hypot(rows, columns) > _FLAT, 1.0, _FAINT)
-        shares[..., 1] = np.maximum(shares[..., 1], strength * np.clip(1.3 - np.abs(far) / pixel, 0, 1))
+        shares = np.maximum(shares, strength * np.clip(1.3 - np.abs(far) / pixel, 0, 1))
     return (shares * 255 + 0.5).astype(np.uint8)
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias, get_args
 from msgspec import UNSET, Meta, Struct, UnsetType
 from msgspec.structs import force_setattr
 
+from deformnb.rbf.regions import MaskForm
 from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.stages import MOST_STAGES
 from deformnb.widgets.messages.points import Points
@@ -137,6 +138,14 @@ class ShapesEdit(FromWindow, frozen=True, kw_only=True, tag="shapes"):
         force_setattr(self, "shapes", Shapes(checked_shapes(self.what, self.shapes)))
 
 
+class DrawnPart(FromWindow, frozen=True, kw_only=True, tag="part"):
+    """A rigid part that was drawn in the slices; the traits parts and chosen_shape have it then."""
+
+    form: Annotated[MaskForm, Meta(description="of its region")]
+    middle: Annotated[Place3, Meta(description="of its region, (x, y, z)")]
+    radii: Annotated[Place3, Meta(description="half its lengths along u, v and n of the first of panes")]
+
+
 class ShapeChoice(FromWindow, frozen=True, kw_only=True, tag="choose"):
     """A cut or rigid part that was chosen."""
 
@@ -254,16 +263,16 @@ class PaneContent(Struct, frozen=True, kw_only=True):
     origin: Annotated[list[float], Meta(extra={"typescript": "[number, number]"})]
     channels: Annotated[int, Meta(description="1 for grey values, 3 for colours")]
     hasDepths: Annotated[bool, Meta(description="whether a buffer with depths follows the pixels")]  # noqa: N815
-    shapes: Annotated[
+    cuts: Annotated[
         list[int] | None,
-        Meta(description="rows and columns of the outlines' buffer", extra={"typescript": "[number, number]"}),
+        Meta(description="rows and columns of the buffer of cuts", extra={"typescript": "[number, number]"}),
     ]
 
 
 class Pictures(Message, frozen=True, kw_only=True, tag="pictures"):
     """The slices or projections that have changed."""
 
-    binary: ClassVar[Buffers] = Buffers("of each pane its pixels, and depths and outlines where it has some", None)
+    binary: ClassVar[Buffers] = Buffers("of each pane its pixels, and depths and cuts where it has some", None)
 
     seq: Annotated[int, Meta(description="number, to be confirmed by seen unless it is 0")]
     view: Views
@@ -294,7 +303,9 @@ EDITOR: Channel[EditorMessage] = Channel(
     WindowAddress,
 )
 
-SpaceEditorMessage: TypeAlias = Greeting | PointsEdit | HistoryRequest | PicturesWanted | SlicesMoved | Seen
+SpaceEditorMessage: TypeAlias = (
+    Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | DrawnPart | PicturesWanted | SlicesMoved | Seen
+)
 SPACE_EDITOR: Channel[SpaceEditorMessage] = Channel(
     ("SpaceEditor",), SpaceEditorMessage, (EditDone, EditRefused, ShowPoint, Pictures), LONGEST_EDIT, WindowAddress
 )

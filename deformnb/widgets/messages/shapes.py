@@ -22,9 +22,18 @@ MOST_PARTS = 32
 MOST_PIXELS = 2**24
 """Pixels of a mask that is given as plain data at most."""
 
+MOST_VOXELS = 2**27
+"""The same of a mask in space."""
+
 ShapeKind: TypeAlias = Literal["cuts", "parts"]
 
 _Name = Annotated[str, Meta(max_length=LONGEST_NAME)]
+
+
+_FLAT = {"typescript": "[number, number]"}
+
+Place: TypeAlias = Annotated[list[Finite], Meta(min_length=2, max_length=3, extra=_FLAT)]
+"""A place on a picture, or of shapes in space one with a third coordinate, which the front end reads by itself."""
 
 
 class PolygonData(Struct, frozen=True, kw_only=True, tag_field="kind", tag="polygon"):
@@ -44,21 +53,21 @@ class LineData(Struct, frozen=True, kw_only=True, tag_field="kind", tag="line"):
 
 
 class HalfSpaceData(Struct, frozen=True, kw_only=True, tag_field="kind", tag="half_space"):
-    """A half plane; the normal points out of it."""
+    """A half plane, or a half of space; the normal points out of it."""
 
-    point: Place2
-    normal: Place2
+    point: Place
+    normal: Place
 
 
 class MaskData(Struct, frozen=True, kw_only=True, tag_field="kind", tag="mask"):
-    """The pixels of a region."""
+    """The pixels or voxels of a region."""
 
     shape: Annotated[
         list[int],
-        Meta(min_length=2, max_length=3, description="rows and columns", extra={"typescript": "[number, number]"}),
+        Meta(min_length=2, max_length=3, description="rows and columns", extra=_FLAT),
     ]
-    spacing: Annotated[list[Finite], Meta(extra={"typescript": "[number, number]"})]
-    origin: Annotated[list[Finite], Meta(extra={"typescript": "[number, number]"})]
+    spacing: Annotated[list[Finite], Meta(extra=_FLAT)]
+    origin: Annotated[list[Finite], Meta(extra=_FLAT)]
     direction: list[Finite] | UnsetType = UNSET
     bits: Annotated[str, Meta(description="base64 of zlib of eight pixels to a byte, the first in the highest bit")]
 
@@ -69,8 +78,16 @@ RegionData: TypeAlias = PolygonData | LineData | HalfSpaceData | MaskData
 class MotionData(Struct, frozen=True, kw_only=True):
     """A forward motion y = matrix x + shift."""
 
-    matrix: Annotated[list[Place2], Meta(min_length=2, max_length=2, description="two rows")]
-    shift: Place2
+    matrix: Annotated[
+        list[Place],
+        Meta(
+            min_length=2,
+            max_length=3,
+            description="two rows, in space three",
+            extra={"typescript": "[[number, number], [number, number]]"},
+        ),
+    ]
+    shift: Place
 
 
 class AbstractShapeData(Struct, frozen=True, kw_only=True):
@@ -92,7 +109,7 @@ class PartData(AbstractShapeData, frozen=True, kw_only=True):
     reach: Annotated[Finite | None, Meta(description="of its motion into its surroundings; null is automatic")] = None
     motion: Annotated[MotionData | None, Meta(description="null is at rest")] = None
     pivot: Annotated[
-        Place2 | UnsetType | None,
+        Place | UnsetType | None,
         Meta(description="place about which it is turned, before its motion; null is the middle of its region"),
     ] = UNSET
 
@@ -163,13 +180,17 @@ def track_index(before: Sequence[Any], after: Sequence[Any], index: int) -> int 
     return index if len(before) == len(after) and changed == [index] else None
 
 
-def checked_shapes(what: str, given: Any) -> tuple[Any, ...]:
+def checked_shapes(what: str, given: Any, dim: int | None = None) -> tuple[Any, ...]:
     """Cuts or rigid parts, as they are or as plain data of the front end or a document.
+
+    Parameters
+    ----------
+    dim : which they must have, 2 on a picture or 3 in space; None for either.
 
     Raises
     ------
     DeformError
-        Naming the shape that is none, is in space, or crosses itself.
+        Naming the shape that is none, has another dimension, or crosses itself.
 
     Examples
     --------
@@ -179,7 +200,15 @@ def checked_shapes(what: str, given: Any) -> tuple[Any, ...]:
     kind, _, _, _, most = _SORTS[what]
     if not isinstance(given, list | tuple) or len(given) > most:
         raise DeformError(f"the {what} must be a list of at most {most}.")
-    return tuple(shape if isinstance(shape, kind) else _read(what, k, shape) for k, shape in enumerate(given))
+    made = tuple(shape if isinstance(shape, kind) else _read(what, k, shape) for k, shape in enumerate(given))
+    for k, shape in enumerate(made):
+        if dim is not None and shape.region.dim != dim:
+            raise DeformError(
+                f"{what}[{k}] is in space; on a picture take the silhouette(plane) of its mask."
+                if dim == 2
+                else f"{what}[{k}] is on a picture; a step in space needs a mask of voxels or a half space."
+            )
+    return made
 
 
 def shapes_to_json(what: str, shapes: Sequence[Any]) -> list[dict[str, Any]]:
@@ -192,8 +221,6 @@ def _read(what: str, k: int, data: Any) -> Any:
         data = {name: v for name, v in msgspec.to_builtins(data).items() if name in _SORTS[what][1].__struct_fields__}
     _check_mask(data, f"{what}[{k}]")
     made = _SORTS[what][2](data, f"{what}[{k}]")
-    if made.region.dim != 2:
-        raise DeformError(f"{what}[{k}] is in space; on a picture take the silhouette(plane) of its mask.")
     if what == "parts" and made.region.kind == "line":
         raise DeformError(f"{what}[{k}] is a line, which has no inside to stay rigid; use a polygon or a half space.")
     if len(made.name) > LONGEST_NAME:
@@ -202,23 +229,26 @@ def _read(what: str, k: int, data: Any) -> Any:
 
 
 def _check_mask(data: Any, where: str) -> None:
-    """Refuse a mask that a few bytes would blow up to more pixels than a picture has."""
+    """Refuse a mask that a few bytes would blow up to more pixels than a picture or a volume has."""
     region = data.get("region") if isinstance(data, dict) else None
     sizes = region.get("shape") if isinstance(region, dict) else None
-    if isinstance(sizes, list) and all(isinstance(n, int) for n in sizes) and prod(sizes) > MOST_PIXELS:
-        raise DeformError(f"{where} is a mask of {prod(sizes)} pixels; a picture takes {MOST_PIXELS} at most.")
+    if not isinstance(sizes, list) or not all(isinstance(n, int) for n in sizes):
+        return
+    most, what = (MOST_PIXELS, "pixels; a picture") if len(sizes) < 3 else (MOST_VOXELS, "voxels; a step in space")
+    if prod(sizes) > most:
+        raise DeformError(f"{where} is a mask of {prod(sizes)} {what} takes {most} at most.")
 
 
 class ShapesTrait(traitlets.TraitType[tuple[Any, ...], Any]):
     """Cuts or rigid parts, a tuple of :class:`~deformnb.rbf.cuts.Cut` or :class:`~deformnb.rbf.rigid.RigidPart`.
 
-    Plain data is taken as well.
+    Plain data is taken as well. They have the dimension ``dim``.
     """
 
-    def __init__(self, what: str) -> None:
-        super().__init__((), help=f"{what} of the picture")
-        self._what = what
+    def __init__(self, what: str, dim: int) -> None:
+        super().__init__((), help=f"{what} of the picture" if dim == 2 else f"{what} in space")
+        self._what, self._dim = what, dim
         self.tag(sync=True, to_json=lambda value, widget: shapes_to_json(what, value))
 
     def validate(self, obj: Any, value: Any) -> tuple[Any, ...]:
-        return checked_shapes(self._what, value)
+        return checked_shapes(self._what, value, self._dim)

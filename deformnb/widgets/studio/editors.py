@@ -19,7 +19,7 @@ import numpy as np
 from deformnb._weak import weakly
 from deformnb.document.deformation import Step
 from deformnb.document.json_regions import region_to_data
-from deformnb.document.step_checks import safe_points
+from deformnb.document.step_checks import safe_parts, safe_points
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.fields import AbstractField
@@ -71,8 +71,10 @@ def show_step(editor: Any, session: Session) -> None:
             editor.beyond = _box_on_picture(session)
             editor.subject = list(session.pictures.subject_box)
             editor.front_only = is_front_only(step)
-        elif editor.options != _options(session):
-            editor.options = _options(session)
+        else:
+            editor.cuts, editor.parts = step.cuts, step.parts
+            if editor.options.get("cut_rule") != step.cut_rule:
+                editor.options = _options(session)
         if editor.points != session.editing.points:
             editor.points = session.editing.points
 
@@ -198,6 +200,7 @@ class StudioEditors:
                 history=session.editing.history,
                 transfer=session.pictures.transfer_function,
                 before=session.pictures.before(),
+                options=_options(session),
                 theme="dark",
                 fill=True,
                 **{name: getattr(self.plane, name) for name in _SHARED},
@@ -264,6 +267,7 @@ _MAKING = "The picture is being made"
 _FAILED = "The picture could not be made; the reason is below"
 _SHARED = ["stop_at_folds", "show_grid", "density"]  # traits of both editors
 _STOPPED = ("move", "brush", "nudge", "turn", "scale")  # kinds of edits in space that stop before tissue folds
+_STOPPED_WORDS = "Stopped before tissue folds; the button Safe drag lets drags go on."
 _STANDS = 1e-6  # of a direction's length: less is a rounding error of the front end
 
 
@@ -484,7 +488,7 @@ class StudioEdits:
         else:
             self._take(editor, lambda: session.editing.edit_fit(points, fit.as_dict(), label))
         if points is not wanted:
-            self._words.show("Stopped before tissue folds; the button Safe drag lets drags go on.")
+            self._words.show(_STOPPED_WORDS)
             self._editors.show_step()
         if done in ("open", "apart") and session.editing.points == points:
             show_opening(session)
@@ -519,9 +523,28 @@ class StudioEdits:
         kind = label if made is not None and made.joins else None
         if what == "cuts":
             self._take(editor, lambda: session.editing.change(label, kind, cuts=changed))
-        else:
-            points = made.points if made is not None else None
-            self._take(editor, lambda: session.editing.edit_parts(changed, label, kind, points=points))
+            return
+        points = made.points if made is not None else None
+        wanted, changed = changed, self._safe_parts(editor, changed, made)
+        points = points if changed is wanted else None  # those that the parts carry follow them
+        self._take(editor, lambda: session.editing.edit_parts(changed, label, kind, points=points))
+        if changed is not wanted:
+            self._words.show(_STOPPED_WORDS)
+            self._editors.show_step()
+
+    def _safe_parts(self, editor: Any, parts: Any, made: Any) -> Any:
+        """The rigid parts of a drag or a key in space as far as tissue does not fold, while the stop at folds is on."""
+        session = self._session
+        step = session.editing.step
+        is_moved = len(parts) == len(step.parts) and any(
+            p.motion != q.motion for p, q in zip(step.parts, parts, strict=True)
+        )
+        if isinstance(editor, Editor) or not editor.stop_at_folds or made is None or not is_moved:
+            return parts
+        try:
+            return safe_parts(step, parts, session.editing.grid, is_tissue=tissue_of(session))
+        except DeformError:  # it folds already, or cannot be fitted: the edit itself says why
+            return parts
 
     def travel(self, way: str) -> None:
         """Go "undo" or "redo", and report what that was."""

@@ -129,8 +129,8 @@ class StudioSync:
         """Take the edits and the selection of a user in an editor."""
         editor.observe(self._weakly(StudioSync._points_changed), "points")
         editor.observe(self._weakly(StudioSync._window_chosen), "window")
-        if editor.has_trait("cuts"):
-            editor.observe(self._weakly(StudioSync._shapes_changed), ["cuts", "parts"])
+        editor.observe(self._weakly(StudioSync._shapes_changed), ["cuts", "parts"])
+        if editor.has_trait("slice"):
             editor.observe(self._weakly(StudioSync._slice_chosen), "slice")
             editor.observe(self._weakly(StudioSync._depth_chosen), "front_only")
         editor.on_history(self._weakly(StudioSync._travel))

@@ -17,6 +17,7 @@ from deformnb.document.edits import is_view_name
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.rigid import RigidPart
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane
 from deformnb.widgets.messages.editors import PointsEdit
@@ -156,13 +157,7 @@ class StudioLink:
 
     def preview_field(self, edit: PointsEdit) -> AbstractField:
         """The displacement of the whole document while points or a rigid part of the edited step are dragged."""
-        session, parts = self._session, edit.with_part(self._session.editing.step.parts)
-        if parts is session.editing.step.parts:
-            return self.field_of(edit.points)
-        step = replace(session.editing.step, parts=parts).with_points(
-            edit.points, min(session.editing.key, len(session.editing.step.maps) - 1)
-        )
-        return session.editing.deformation.with_step(session.editing.index, step).field(session.editing.grid)
+        return self.field_of(edit.points, edit.with_part(self._session.editing.step.parts))
 
     def _latest(self, make: Callable[[], AbstractField]) -> None:
         if not self._worker.is_closed:
@@ -179,10 +174,11 @@ class StudioLink:
                 self._view.show_deformation(field, output=self._session.results.grid)
                 self.previews += 1
 
-    def field_of(self, points: ControlPoints) -> AbstractField:
-        """The displacement of the whole document, had the step that is edited these points."""
+    def field_of(self, points: ControlPoints, parts: tuple[RigidPart, ...] | None = None) -> AbstractField:
+        """The displacement of the whole document, had the step that is edited these points and rigid parts."""
         session = self._session
-        if points == session.editing.points:
+        step = session.editing.step if parts is None else replace(session.editing.step, parts=parts)
+        if points == session.editing.points and step == session.editing.step:
             return session.results.field()
-        step = session.editing.step.with_points(points, min(session.editing.key, len(session.editing.step.maps) - 1))
+        step = step.with_points(points, min(session.editing.key, len(step.maps) - 1))
         return session.editing.deformation.with_step(session.editing.index, step).field(session.editing.grid)

@@ -17,6 +17,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.volume import Grid
 from deformnb.widgets.messages.editors import PointsEdit
 
@@ -30,7 +31,7 @@ many takes 16 to 26 ms there."""
 
 _REST = 1.5  # seconds after the last movement, if its end does not arrive: a pointer may rest, and a kernel be slow
 
-FieldOf = Callable[[ControlPoints], AbstractField]
+FieldOf = Callable[..., AbstractField]  # of points, and of the rigid parts while one of them is dragged
 
 
 class ShowsPoints(traitlets.HasTraits):
@@ -105,11 +106,14 @@ class ShowsPoints(traitlets.HasTraits):
     def _show_moved(self, make: FieldOf, edit: PointsEdit) -> None:
         """Show a movement; the end of an edit arrives as a change of the points."""
         if edit.phase == "move" and not self.is_moved_in_client(edit.sender):
-            self._show_points(make, edit.points, edit.phase)
+            parts = None if edit.part is None else edit.with_part(self.points_editor.parts)
+            self._show_points(make, edit.points, edit.phase, parts)
 
-    def _show_points(self, make: FieldOf, points: ControlPoints, phase: str) -> None:
+    def _show_points(
+        self, make: FieldOf, points: ControlPoints, phase: str, parts: tuple[RigidPart, ...] | None = None
+    ) -> None:
         try:
-            field = make(points)
+            field = make(points) if parts is None else make(points, parts)
         except DeformError:
             return  # the last good picture stays, and the editor reports the error
         timer = getattr(self, "_rest_timer", None)
@@ -119,12 +123,12 @@ class ShowsPoints(traitlets.HasTraits):
         self.show_deformation(field, output=self.output_grid)
         if self.is_quick:  # a cancelled drag ends without a message
             show = weakly(self, ShowsPoints._show_finely, lambda view: view.is_quick)
-            self._rest_timer = threading.Timer(_REST, show, (make, points))
+            self._rest_timer = threading.Timer(_REST, show, (make, points, parts))
             self._rest_timer.daemon = True
             self._rest_timer.start()
 
-    def _show_finely(self, make: FieldOf, points: ControlPoints) -> None:
-        self._show_points(make, points, "end")
+    def _show_finely(self, make: FieldOf, points: ControlPoints, parts: tuple[RigidPart, ...] | None) -> None:
+        self._show_points(make, points, "end", parts)
 
 
 def plain_fit(field: AbstractField | None, editor: Any) -> ControlPoints | None:

@@ -1,11 +1,11 @@
 // The gestures of the editor of a picture of its tools, each with its tool.
 
-import type { Vector2 } from "../types.ts";
+import type { Vector, Vector2 } from "../types.ts";
 import { Gesture } from "./gesture.ts";
 import type { ShapeGrip } from "./hit_test.ts";
 import type { PointMirror } from "./mirror.ts";
 import type { PartHandle } from "./motion_handles.ts";
-import type { PartTools } from "./part_tools.ts";
+import type { PartMoves } from "./part_moves.ts";
 import type { Pen, ShapeTools } from "./shape_tools.ts";
 import type { Viewport } from "./viewport.ts";
 import type { WindowTool } from "./window_tool.ts";
@@ -157,7 +157,7 @@ export class ShapeGesture extends Gesture {
 export class PartGesture extends Gesture {
   constructor(
     from: Vector2,
-    private readonly parts: PartTools,
+    private readonly parts: Pick<PartMoves<never, Vector>, "beginDrag" | "drag" | "endDrag">,
     private readonly handle: PartHandle,
   ) {
     super(from);

@@ -17,6 +17,20 @@ function numberOf(text: string | undefined) {
   return text ? Number(text) : null;
 }
 
+/** The grip of a shape that an element belongs to. */
+export function shapeGrip(hit: { target: EventTarget | null }, chosen: Chosen | null): ShapeGrip | null {
+  const grip = around(hit, ".dnb-ed-grip");
+  if (grip && chosen) {
+    return { chosen, corner: numberOf(grip.dataset.corner), middle: numberOf(grip.dataset.middle), handle: null };
+  }
+  const found = around(hit, "[data-motion]")?.dataset.motion;
+  const handle = found === "move" || found === "turn" || found === "pivot" ? found : null;
+  if (chosen && handle && handle !== "move") return { chosen, corner: null, middle: null, handle };
+  const [what, index] = around(hit, "[data-shape]")?.dataset.shape?.split(":") ?? [];
+  if (what !== "cuts" && what !== "parts") return null;
+  return { chosen: { what, index: Number(index) }, corner: null, middle: null, handle };
+}
+
 /** Dependencies of the test on the editor. */
 export type HitEditor = EditorParts<"frames" | "stage", "shapes">;
 
@@ -49,18 +63,7 @@ export class HitTest {
    * motion, of which its inside is one.
    */
   shapeAt(event: Event): ShapeGrip | null {
-    const hit = this.#hit(event),
-      grip = around(hit, ".dnb-ed-grip"),
-      chosen = this.editor.tools.shapes.choice.chosen;
-    if (grip && chosen) {
-      return { chosen, corner: numberOf(grip.dataset.corner), middle: numberOf(grip.dataset.middle), handle: null };
-    }
-    const found = around(hit, "[data-motion]")?.dataset.motion;
-    const handle = found === "move" || found === "turn" || found === "pivot" ? found : null;
-    if (chosen && handle && handle !== "move") return { chosen, corner: null, middle: null, handle };
-    const [what, index] = around(hit, "[data-shape]")?.dataset.shape?.split(":") ?? [];
-    if (what !== "cuts" && what !== "parts") return null;
-    return { chosen: { what, index: Number(index) }, corner: null, middle: null, handle };
+    return shapeGrip(this.#hit(event), this.editor.tools.shapes.choice.chosen);
   }
 
   /** The handle that turns, or the axis of the mirror. */

@@ -74,8 +74,11 @@ export class MotionHandles {
     svgElement("title", {}, this.cross, "The pivot: the part turns about it. Drag it where a joint is");
   }
 
-  /** Show the handles of a part, or none. True if the focus was on one that is gone. */
-  update(part: PartData | null, index: number, { k, x, y }: View) {
+  /**
+   * Show the handles of a part, or none. True if the focus was on one that is gone.
+   * @param angle of the part, in radians
+   */
+  update(part: PartData | null, index: number, { k, x, y }: View, angle: number = part ? turnAndShift(part).angle : 0) {
     const isLost = !part && this.root.contains(treeOf(this.svg).activeElement);
     for (const group of [this.ring, this.root]) setAttributes(group, { visibility: part ? "visible" : "hidden" });
     for (const handle of [this.knob, this.cross]) setAttributes(handle, { tabindex: part ? "0" : "-1" });
@@ -83,8 +86,7 @@ export class MotionHandles {
     const pivot = pivotOf(part),
       at = movePlace(part.motion, pivot),
       [u, v] = [k * at[0] + x, k * at[1] + y];
-    const { angle } = turnAndShift(part),
-      degrees = formatLength((angle * 180) / Math.PI);
+    const degrees = formatLength((angle * 180) / Math.PI);
     const name = shapeName(part, "parts", index),
       extent = k * farthest(part.region, pivot);
     const radius = Math.max(RING[0]!, Math.min(RING[1]!, extent + AROUND));

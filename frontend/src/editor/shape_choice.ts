@@ -1,18 +1,29 @@
 // The shape that is chosen in the editor: a cut, a rigid part, or a fixed side.
 
 import { motionWords, shapeName, shapeRecord, swapRegionSides, trackShape } from "../maths/shapes.ts";
-import type { ShapeData, Shapes } from "../types.ts";
-import type { EditorParts } from "./parts.ts";
+import type { Sender } from "../sync/edits.ts";
+import type { Model, ShapeData, Shapes, Vector } from "../types.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { Frames } from "./frames.ts";
 import type { Chosen } from "./shape_handles.ts";
 
 /** Dependencies of the choice on the editor. */
-export type ChoiceEditor = EditorParts<"model" | "sender" | "frames" | "points">;
+export interface ChoiceEditor {
+  model: Model;
+  sender: Pick<Sender, "choose" | "isBehind">;
+  frames: Frames;
+  points: Pick<EditedPoints<Vector>, "shapes" | "isDragging" | "select" | "onSelect">;
+}
 
 export class ShapeChoice {
   /** The list in which it is, and its place there. */
   chosen: Chosen | null = null;
 
-  constructor(readonly editor: ChoiceEditor) {
+  /** @param wordsOf the motion of a part */
+  constructor(
+    readonly editor: ChoiceEditor,
+    private readonly wordsOf = motionWords,
+  ) {
     editor.points.onSelect = () => this.choose(null);
   }
 
@@ -24,7 +35,7 @@ export class ShapeChoice {
   get name() {
     const { chosen, shape } = this;
     if (!chosen || !shape) return "";
-    const motion = "motion" in shape ? motionWords(shape) : "";
+    const motion = "motion" in shape ? this.wordsOf(shape) : "";
     return [shapeName(shape, chosen.what, chosen.index), shape.enabled ? motion : "off"].filter(Boolean).join(": ");
   }
 

@@ -1,10 +1,10 @@
 // Cuts and rigid parts as SVG over the picture, under the control points. A cut is a line with a band in the colour of
 // the region on each of its sides; a rigid part is hatched, and drawn where its motion takes it, with a thin line where
 // it was. Of the chosen shape the line can be dragged, its corners (squares) and the middles of its edges (dots); of a
-// part its inside too, which moves it (editor/part_tools.js).
+// part its inside too, which moves it (editor/part_moves.ts).
 
+import { outlineOf } from "../maths/mask_outlines.ts";
 import { formatLength } from "../maths/numbers.ts";
-import { maskPixels } from "../maths/regions.ts";
 import {
   cornersOf,
   middleOfRegion,
@@ -211,12 +211,13 @@ export class ShapeHandles {
   ) {
     const { region } = shape,
       label = shapeLabel(shape, what, index);
+    const { line, far, tips, inside } = shapePaths(region, view, reach);
+    setAttributes(parts.root, { visibility: line + far ? "visible" : "hidden" }); // a slice may not meet it
     parts.root.classList.toggle("dnb-ed-off", !shape.enabled);
     parts.root.classList.toggle("dnb-ed-chosen", isChosen);
     setAttributes(parts.root, { "aria-label": label, "aria-pressed": String(isChosen) });
     setText(parts.tip, `${label}. Click to choose it`);
-    const { line, far, tips, inside } = shapePaths(region, view, reach),
-      [x, y] = namePlace(region, motion, view, reach);
+    const [x, y] = namePlace(region, motion, view, reach);
     const whole = region.kind === "half_space" ? far : line;
     setAttributes(parts.body, { transform: motion ? toScreenMotion(motion, view) : "" });
     for (const path of [parts.fill, parts.inside]) {
@@ -230,7 +231,7 @@ export class ShapeHandles {
     setAttributes(parts.hit, { "data-motion": isSmall ? "move" : "" });
     setAttributes(parts.hit, { d: whole + (region.kind === "line" ? far : "") });
     const isNamed = Boolean(shape.name) || isChosen;
-    setAttributes(parts.name, { x: x.toFixed(1), y: y.toFixed(1), visibility: isNamed ? "visible" : "hidden" });
+    setAttributes(parts.name, { x: x.toFixed(1), y: y.toFixed(1), visibility: isNamed ? "inherit" : "hidden" });
     setText(parts.name, `${shapeName(shape, what, index)}${shape.enabled ? "" : " (off)"}`);
   }
 
@@ -287,6 +288,11 @@ export class ShapeHandles {
     svgElement("rect", { x: -4.5, y: -4.5, width: 9, height: 9, class: "dnb-ed-grip-square" }, grip);
     svgElement("circle", { r: 3.2, class: "dnb-ed-grip-dot" }, grip);
     return grip;
+  }
+
+  /** Whether anything is seen of a shape, of which a slice may show nothing. */
+  isSeen(what: ShapeKind, index: number) {
+    return this.shown.get(`${what}:${index}`)?.root.getAttribute("visibility") === "visible";
   }
 
   focus({ what, index }: Chosen) {
@@ -462,61 +468,6 @@ export function shapePaths(region: RegionData, { k, x, y, width, height }: View,
     inside: shapePath([first, last, back(last), back(first)], true),
     label: [Math.max(6, Math.min(width - 80, side[0]!)), Math.max(16, Math.min(height - 8, side[1]!))],
   };
-}
-
-/**
- * Outlines of masks: faces from one place to another, rows of pixels by their four corners, and the box around all.
- */
-const maskOutlines: WeakMap<MaskData, ReturnType<typeof maskOutline>> = new WeakMap();
-
-function outlineOf(region: MaskData) {
-  const outline = maskOutlines.get(region) ?? maskOutline(region);
-  maskOutlines.set(region, outline);
-  return outline;
-}
-
-/** The faces of the pixels of a mask where it ends, row by row and column by column. */
-function maskOutline(region: MaskData) {
-  const {
-      shape: [nv, nu],
-      spacing: [du, dv],
-      origin: [a0, b0],
-    } = region,
-    isSet = maskPixels(region);
-  const faces: Vector2[][] = [],
-    rows: Vector2[][] = [];
-  const at = (i: number, j: number) => i >= 0 && j >= 0 && i < nv && j < nu && isSet[i * nu + j] === 1;
-  const corner = (i: number, j: number): Vector2 => [a0 + (j - 0.5) * du, b0 + (i - 0.5) * dv];
-  for (let i = 0; i <= nv; i++)
-    for (let j = 0, from = -1; j <= nu; j++) {
-      const is = j < nu && at(i, j) !== at(i - 1, j);
-      if (is && from < 0) from = j;
-      if (!is && from >= 0) {
-        faces.push([corner(i, from), corner(i, j)]);
-        from = -1;
-      }
-    }
-  for (let j = 0; j <= nu; j++)
-    for (let i = 0, from = -1; i <= nv; i++) {
-      const is = i < nv && at(i, j) !== at(i, j - 1);
-      if (is && from < 0) from = i;
-      if (!is && from >= 0) {
-        faces.push([corner(from, j), corner(i, j)]);
-        from = -1;
-      }
-    }
-  for (let i = 0; i < nv; i++)
-    for (let j = 0, from = -1; j <= nu; j++) {
-      if (at(i, j) && from < 0) from = j;
-      if (!at(i, j) && from >= 0) {
-        rows.push([corner(i, from), corner(i, j), corner(i + 1, j), corner(i + 1, from)]);
-        from = -1;
-      }
-    }
-  const [low, high] = [Math.min, Math.max].map((most) =>
-    [0, 1].map((c) => faces.flat().reduce((best, place) => most(best, place[c]!), faces[0]?.[0]?.[c] ?? 0)),
-  ) as [number[], number[]];
-  return { faces, rows, corners: [low, [low[0], high[1]], high, [high[0], low[1]]] };
 }
 
 function maskPaths(region: MaskData, on: (place: Vector2) => Vector2): ShapePaths {

@@ -33,7 +33,7 @@ import type { PartData, PicturePoint, RegionData, ShapeData, ShapeKind, Shapes, 
 import { buttonElement } from "../ui/dom.ts";
 import { PenGesture } from "./gestures.ts";
 import type { EditorParts } from "./parts.ts";
-import { ShapeChoice } from "./shape_choice.ts";
+import { ShapeEdits } from "./shape_edits.ts";
 import type { Draft, Grip } from "./shape_handles.ts";
 import { namePlace, REGION_MARKS, ShapeHandles } from "./shape_handles.ts";
 /** `shown`: places before the stroke under way. */
@@ -297,17 +297,16 @@ export type ShapeEditor = EditorParts<
 >;
 
 /** Edits of the cuts and rigid parts, and the choice of one of them. */
-export class ShapeTools {
+export class ShapeTools extends ShapeEdits {
   handles: ShapeHandles;
-  choice: ShapeChoice;
   /** The shapes before a drag, null while there is none. */
   drag0: ShapeDrag | null = null;
   /** The edit that waits for an answer. */
   offered: Offer | null = null;
 
-  constructor(readonly editor: ShapeEditor) {
+  constructor(override readonly editor: ShapeEditor) {
+    super(editor);
     this.handles = new ShapeHandles(editor.stage.svg);
-    this.choice = new ShapeChoice(editor);
     editor.points.draggers.push(this);
     editor.messages.onReplace = () => this.forgetOffer();
   }
@@ -403,41 +402,6 @@ export class ShapeTools {
     );
   }
 
-  #change(change: Partial<PartData>, kind: string) {
-    const {
-      choice: { chosen, shape },
-      editor,
-    } = this;
-    if (!chosen || !shape) return false;
-    const { what, index } = chosen;
-    return this.edit(
-      what,
-      updateShape(editor.points.shapes[what], index, change),
-      `${kind} ${shape.name || SHAPE_NAMES[what]}`,
-    );
-  }
-
-  remove() {
-    const {
-      choice: { chosen, shape },
-      editor,
-    } = this;
-    if (!chosen || !shape) return;
-    const { what, index } = chosen,
-      name = shapeName(shape, what, index);
-    const others = editor.points.shapes[what].filter((_, k) => k !== index);
-    if (!this.edit(what, others, `remove ${SHAPE_NAMES[what]}`)) return;
-    this.choice.chosen = null;
-    editor.frames.drawNow();
-    editor.stage.focus();
-    editor.messages.announce(`${name} deleted`);
-  }
-
-  switch() {
-    const isOn = this.choice.shape?.enabled;
-    if (this.#change({ enabled: !isOn }, "switch")) this.editor.messages.announce(`switched ${isOn ? "off" : "on"}`);
-  }
-
   /** Swap the sides of the chosen shape: of a fixed side the other half stays then. */
   turn() {
     const region = this.choice.shape && swapRegionSides(this.choice.shape.region);
@@ -445,7 +409,7 @@ export class ShapeTools {
       this.editor.messages.hint("A closed cut has only one inside");
       return;
     }
-    if (this.#change({ region }, "swap the sides of")) this.editor.messages.announce("sides swapped");
+    if (this.change({ region }, "swap the sides of")) this.editor.messages.announce("sides swapped");
   }
 
   rename() {
@@ -457,9 +421,7 @@ export class ShapeTools {
     const { what, index } = chosen,
       [x, y] = namePlace(shape.region, motionOf(shape), editor.viewport.view, this.reach);
     editor.panels.names.prompt(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
-      take: (text) => {
-        this.edit(what, updateShape(editor.points.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
-      },
+      take: (text) => this.setName(text),
       focus: () => {
         this.handles.focus(chosen);
         return true;
@@ -473,7 +435,7 @@ export class ShapeTools {
       this.remove();
       return;
     }
-    if (!this.#change({ region }, "change")) return;
+    if (!this.change({ region }, "change")) return;
     this.editor.frames.drawNow();
     this.handles.focusCorner(Math.min(k, region.vertices.length - 1));
     this.editor.messages.announce(`corner ${k + 1} deleted`);
@@ -488,7 +450,7 @@ export class ShapeTools {
       isStop = shape && !stopsAt(shape.region, k);
     const region = shape && isStop !== null && chosen?.what === "cuts" ? setStop(shape.region, k, isStop) : null;
     if (!region || editor.points.isLocked) return false;
-    if (!this.#change({ region }, isStop ? "stop" : "lengthen")) return true;
+    if (!this.change({ region }, isStop ? "stop" : "lengthen")) return true;
     editor.frames.drawNow();
     this.handles.focusCorner(k);
     const words = isStop ? "The cut stops here" : "The cut continues to the border";
@@ -503,7 +465,7 @@ export class ShapeTools {
     if (chosen?.what !== "cuts" || shape?.region.kind !== "line") return;
     const { kind, vertices } = shape.region;
     if (
-      this.#change({ region: { kind, vertices, ...(isStop && { stops: [true, true] }) } }, isStop ? "stop" : "lengthen")
+      this.change({ region: { kind, vertices, ...(isStop && { stops: [true, true] }) } }, isStop ? "stop" : "lengthen")
     ) {
       this.editor.messages.announce(isStop ? "The cut stops at its ends" : "The cut continues to the border");
     }
@@ -511,7 +473,7 @@ export class ShapeTools {
 
   /** Insert a corner in the middle of edge k. Its number, or null if it could not be inserted. */
   insertCorner(k: number) {
-    if (!this.choice.shape || !this.#change({ region: splitEdge(this.choice.shape.region, k) }, "change")) return null;
+    if (!this.choice.shape || !this.change({ region: splitEdge(this.choice.shape.region, k) }, "change")) return null;
     this.editor.frames.drawNow();
     this.handles.focusCorner(k + 1);
     return k + 1;
@@ -527,10 +489,10 @@ export class ShapeTools {
     const corner = grip.middle !== null ? this.insertCorner(grip.middle) : grip.corner,
       shape = this.choice.shape;
     if (!shape) return;
-    if (corner === null) this.#change({ region: translateRegion(shape.region, da, db) }, "move");
+    if (corner === null) this.change({ region: translateRegion(shape.region, da, db) }, "move");
     else {
       const [a, b] = cornersOf(shape.region, this.reach)[corner]!;
-      this.#change({ region: moveCorner(shape.region, corner, [a + da, b + db], this.reach) }, "change");
+      this.change({ region: moveCorner(shape.region, corner, [a + da, b + db], this.reach) }, "change");
     }
     editor.frames.drawNow();
   }

@@ -175,8 +175,8 @@ function plainRegion(region: RegionData): RegionData {
       isStop: [boolean, boolean] = [Boolean(stops?.[0]), Boolean(stops?.[1])];
     return { kind, vertices, ...(isStop.includes(true) && { stops: isStop }) };
   }
-  const { shape, spacing, origin, bits } = region;
-  return { kind, shape, spacing, origin, bits };
+  const { shape, spacing, origin, direction, bits } = region;
+  return { kind, shape, spacing, origin, ...(direction && { direction }), bits };
 }
 
 export function sameShapes(p: unknown, q: unknown) {

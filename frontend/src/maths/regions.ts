@@ -49,9 +49,16 @@ function maskRegion(data: MaskData): Region {
   return { kind: "mask", distance, near: () => distance, isSet };
 }
 
+/** Pixels of masks that were made here, without a text of their bits. */
+export const knownPixels: WeakMap<MaskData, Uint8Array> = new WeakMap();
+
 /** The pixels of a mask, 0 or 1. */
-export function maskPixels({ shape: [nv, nu], bits }: MaskData) {
-  return maskBits(bits, nv * nu);
+export function maskPixels(mask: MaskData) {
+  const {
+    shape: [nv, nu],
+    bits,
+  } = mask;
+  return knownPixels.get(mask) ?? maskBits(bits, nv * nu);
 }
 
 /** The bits of a mask of any dimension, 1 where it is set. */

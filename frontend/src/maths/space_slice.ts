@@ -105,6 +105,11 @@ export class SliceMap implements DetMap {
   }
 }
 
+/** Pieces of the lines on which values on a raster have a level, four coordinates each. */
+export function levelRuns(values: Float64Array, raster: Raster, level: number) {
+  return levelLines(values, raster, [level, level + 1], 1)[0]!.runs;
+}
+
 /** The lines on which values on a raster are those of equidistant levels from end to end. */
 function levelLines(values: Float64Array, raster: Raster, [first, last]: Vector2, size: number): SliceLine[] {
   const {

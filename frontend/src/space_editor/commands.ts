@@ -10,7 +10,18 @@ import type { SpaceParts } from "./parts.ts";
 
 /** Dependencies of the commands on the editor. */
 export type SpaceCommandEditor = SpaceParts<
-  "model" | "messages" | "row" | "points" | "edits" | "tools" | "modes" | "cursor" | "requests" | "toolbar" | "names"
+  | "model"
+  | "messages"
+  | "row"
+  | "points"
+  | "edits"
+  | "tools"
+  | "modes"
+  | "cursor"
+  | "requests"
+  | "toolbar"
+  | "names"
+  | "shapes"
 >;
 
 /** Let the user name a point. */
@@ -41,6 +52,7 @@ const COMMANDS: Record<string, Command> = {
   select: ({ modes }) => modes.setSelecting(!modes.isSelecting),
   move: ({ modes }) => modes.setBrush("move"),
   grow: ({ modes }) => modes.setBrush("grow"),
+  part: ({ modes }) => modes.setPartPen(),
   remove: ({ tools }, ids) => tools.remove(ids),
   "select-all": ({ points }) => points.select(points.list.map((p) => p.id)),
   undo: ({ points }) => points.step("undo"),
@@ -77,13 +89,25 @@ const COMMANDS: Record<string, Command> = {
   "turn-right": ({ tools }, _ids, pane) => tools.turnKey(pane, 1, { isLarge: true, isScale: false }),
 };
 
+/** Commands on the chosen rigid part, where no points are selected. */
+const SHAPE_COMMANDS: Record<string, (editor: SpaceCommandEditor, pane: SpacePane) => void> = {
+  remove: ({ shapes }) => shapes.remove(),
+  rename: ({ shapes }, pane) => shapes.rename(pane),
+  switch: ({ shapes }) => shapes.switch(),
+  reset: ({ shapes }) => shapes.moves.reset(),
+};
+
 export class SpaceCommands implements EditorCommands {
   constructor(readonly editor: SpaceCommandEditor) {}
 
   /** @param focused the point that has the focus; null for the selection */
   run(command: string, focused: number | null) {
-    const { points, row, toolbar } = this.editor;
+    const { points, row, shapes, toolbar } = this.editor,
+      pane = row.paneOf(document.activeElement);
     if (focused === null && !["undo", "redo"].includes(command) && toolbar.isOff(command)) return;
-    COMMANDS[command]?.(this.editor, points.idsAt(focused), row.paneOf(document.activeElement));
+    const isShape = focused === null && points.selected.size === 0 && shapes.choice.shape !== null,
+      onShape = isShape ? SHAPE_COMMANDS[command] : null;
+    if (onShape) onShape(this.editor, pane);
+    else COMMANDS[command]?.(this.editor, points.idsAt(focused), pane);
   }
 }

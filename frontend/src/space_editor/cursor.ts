@@ -2,7 +2,7 @@
 
 import { nameOf } from "../maths/point_names.ts";
 import { fromPane, toPane } from "../maths/space.ts";
-import type { PaneInfo, Vector3 } from "../types.ts";
+import type { PaneInfo, Vector2, Vector3 } from "../types.ts";
 import type { SpaceParts } from "./parts.ts";
 
 export class SliceCursor {
@@ -49,6 +49,11 @@ export class SliceCursor {
     }, place);
     this.editor.requests.look({ cursor: this.place }, isMoving);
     this.editor.frames.invalidate();
+  }
+
+  /** Show other values as black and white. */
+  setWindow(window: Vector2, isMoving: boolean) {
+    this.editor.requests.look({ window }, isMoving);
   }
 
   /** The depth of the slice of a picture. */

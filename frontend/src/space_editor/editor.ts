@@ -28,6 +28,7 @@ import type { SpaceParts } from "./parts.ts";
 import { SpacePointTools } from "./point_tools.ts";
 import { PaneGestures } from "./pointer.ts";
 import { PictureRequests } from "./requests.ts";
+import { SpaceShapes } from "./shapes.ts";
 import { SpaceMap } from "./space_map.ts";
 import { SpaceStatus } from "./status_line.ts";
 import { SpaceStrokes } from "./strokes.ts";
@@ -46,16 +47,17 @@ const SPACE_GROUPS: ToolEntry[][] = [
   [
     ["add", "Add", "Add points: click where", true],
     ["select", "Select", "Select several points: drag a band, or tap them", true],
-    ["remove", "Delete", "Delete the selected points", false, "selection"],
-    ["rename", "Rename", "Name the selected point", false, "one"],
-    ["switch", "On/off", "Switch the selected points on or off", false, "selection"],
-    ["lock", "Lock", "Lock the selected points, or free them", true, "selection"],
+    ["remove", "Delete", "Delete the selected points, or the chosen part", false, "selection"],
+    ["rename", "Rename", "Name the selected point or part", false, "one"],
+    ["switch", "On/off", "Switch the selected points or part on or off", false, "selection"],
+    ["lock", "Lock", "Lock the selected points, or free them", true, "points_selected"],
     ["reset", "Put back", "Put the selected points, or all, back where they were taken", false, "points"],
   ],
   [
     ["move", "Move", "Move brush: drag what lies in its ball", true],
     ["grow", "Grow", "Grow brush: drag right to grow what lies in its ball, left to shrink it", true],
   ],
+  [["part", "Rigid", "Draw a part that stays rigid: drag it open in one slice, fit it in the others", true]],
   [
     ["undo", "Undo", "Undo", false, "past"],
     ["redo", "Redo", "Redo", false, "future"],
@@ -141,6 +143,7 @@ export class SpaceEditorView extends EditorDrawing {
     }
     parts.row.element.append(parts.row.veil);
     parts.brush = new Brush(parts.strokes);
+    parts.shapes = new SpaceShapes(parts); // whose bar is over the pictures
     parts.foldOffers = new SpaceFoldOffers(parts);
     parts.names = new NamePrompt({ frames, stage: parts.row });
     parts.help = new HelpPanel(
@@ -192,7 +195,7 @@ export class SpaceEditorView extends EditorDrawing {
 
   #followModel() {
     const { frames, messages, model, sender } = this,
-      { cursor, edits, foldOffers, points } = this.parts,
+      { cursor, edits, foldOffers, points, shapes } = this.parts,
       bus = busOf(model);
     const on = (name: string, handler: ModelHandler) => {
       const guarded: ModelHandler = (...given) => frames.guard(() => handler(...given));
@@ -203,6 +206,7 @@ export class SpaceEditorView extends EditorDrawing {
     on("change:selected", () => {
       if (!points.selection.isAhead) points.select(model.get("selected"), false);
     });
+    on("change:chosen_shape", () => shapes.choice.receive());
     on("change:cursor", () => cursor.receive());
     on("change:panes", () => this.receivePanes());
     on("change:theme", () => this.theme.apply());
@@ -237,7 +241,10 @@ export class SpaceEditorView extends EditorDrawing {
         if (points.list !== list) foldOffers.drop(); // they were about the points before
       },
       status: () => messages.showStatus(sender),
-      history: () => frames.invalidate(),
+      history: () => {
+        shapes.choice.receive();
+        frames.invalidate();
+      },
     };
     this.#ends.push(sender.listen((what: Change) => frames.guard(news[what])));
   }
@@ -308,14 +315,14 @@ export class SpaceEditorView extends EditorDrawing {
     const { edits, row, status } = this.parts;
     if (row.panes.map((pane) => pane.draw()).some(Boolean)) row.focus(); // no shortcut: all are drawn
     status.update();
-    for (const part of [this.parts.brush, this.parts.foldOffers]) part.show();
+    for (const part of [this.parts.brush, this.parts.foldOffers, this.parts.shapes.pen]) part.show();
     this.frames.restSoon(() => {});
     if (!edits.isViewer) this.#updateToolbar();
   }
 
   #updateToolbar() {
     const { model, sender } = this,
-      { brush, help, modes, points, toolbar, tools } = this.parts,
+      { brush, help, modes, points, shapes, toolbar, tools } = this.parts,
       { list, selected } = points;
     this.chooser.value = model.get("projection");
     this.overlays.value = model.get("overlay");
@@ -324,6 +331,7 @@ export class SpaceEditorView extends EditorDrawing {
       select: modes.isSelecting,
       move: brush.tool === "move",
       grow: brush.tool === "grow",
+      part: shapes.pen.isOn,
       mirror: tools.mirror.on,
       snap: tools.lattice.step > 0,
       stop: model.get("stop_at_folds"),
@@ -334,7 +342,8 @@ export class SpaceEditorView extends EditorDrawing {
     });
     toolbar.update({
       count: list.length,
-      selected: selected.size,
+      selected: selected.size || Number(shapes.choice.shape !== null),
+      pointsSelected: selected.size,
       past: sender.canStep("undo"),
       future: sender.canStep("redo"),
       steps: model.get("history") ?? {},
@@ -364,7 +373,7 @@ export class SpaceEditorView extends EditorDrawing {
     for (const pane of panes) {
       const pixels = next(),
         depths = pane.hasDepths ? new Float32Array(next().slice().buffer) : null;
-      row.panes[pane.index]!.image.take(pane, pixels, depths, pane.shapes ? next() : null);
+      row.panes[pane.index]!.image.take(pane, pixels, depths, pane.cuts ? next() : null);
     }
     status.facts = { folds: status.facts.folds, worst: status.facts.worst, ...facts };
     this.frames.drawNow();
@@ -383,13 +392,14 @@ export class SpaceEditorView extends EditorDrawing {
 
   /** Show whether Python makes something else: nothing can be edited then, and a drag is cancelled. */
   showWaiting() {
-    const { brush, modes, names, points, requests, row } = this.parts,
+    const { brush, modes, names, points, requests, row, shapes } = this.parts,
       { isWaiting } = points;
     if (isWaiting) {
       row.cancelGestures();
       names.end(false);
       modes.setAdding(false);
       brush.stop();
+      shapes.pen.stop();
     }
     row.showWaiting(this.model.get("waiting") || (requests.isSlow ? "Making the pictures" : ""), isWaiting);
     this.frames.invalidate();

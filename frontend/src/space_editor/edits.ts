@@ -14,7 +14,9 @@ export class SpaceEdits {
   /** The points before the drag, or null. */
   drag0: SpacePoint[] | null = null;
 
-  constructor(readonly editor: SpaceParts<"model" | "sender" | "frames" | "messages" | "points" | "foldStop">) {
+  constructor(
+    readonly editor: SpaceParts<"model" | "sender" | "frames" | "messages" | "points" | "shapes" | "foldStop">,
+  ) {
     editor.points.draggers = [this];
   }
 
@@ -54,7 +56,7 @@ export class SpaceEdits {
 
   /** Show moving points. */
   show(list: SpacePoint[]) {
-    this.#publish(list, "move");
+    this.publish(list, "move");
     this.editor.sender.move(list);
   }
 
@@ -69,14 +71,16 @@ export class SpaceEdits {
       foldStop.end();
       return;
     }
-    this.#publish(sender.points, "end"); // Python may have moved them meanwhile
+    this.publish(sender.points, "end"); // Python may have moved them meanwhile
     sender.move(points.list); // Python has received the drag, and now its end
   }
 
-  #publish(list: SpacePoint[], phase: "move" | "end") {
+  /** Show points here and in the views that follow them. */
+  publish(list: SpacePoint[], phase: "move" | "end") {
     const { frames, model, points } = this.editor;
     points.list = list;
-    publishPoints(busOf(model), { origin: this.id, points: list, settings: settingsOf(model), fit: null, phase });
+    const settings = { ...settingsOf(model), parts: points.shapes.parts };
+    publishPoints(busOf(model), { origin: this.id, points: list, settings, fit: null, phase });
     if (phase === "move") frames.markMoving();
     else frames.invalidate();
   }
@@ -85,23 +89,25 @@ export class SpaceEdits {
   receive() {
     const {
       points,
-      sender: { points: list },
+      sender: { points: list, shapes },
     } = this.editor;
+    if (points.isDragging && !this.drag0) return;
     if (this.drag0) {
       // Python has found a new point's source; the pointer's values stay
       this.drag0 = updateSources(this.drag0, list);
       points.list = updateSources(points.list, list);
       return;
     }
-    if (samePoints(list, points.list)) return;
-    this.#publish(list, "end");
+    if (samePoints(list, points.list) && shapes === points.shapes) return;
+    this.editor.shapes.follow(shapes);
+    this.publish(list, "end");
     points.select([...points.selected]);
   }
 
   /** Take over the points of another view. */
   receiveMove({ origin, points: list, phase }: PointsDetail) {
     const { frames, points } = this.editor;
-    if (origin === this.id || this.drag0) return;
+    if (origin === this.id || points.isDragging) return;
     if (phase === "move") {
       points.list = list as SpacePoint[];
       frames.markMoving();

@@ -6,6 +6,7 @@ import { scaled } from "../maths/camera.ts";
 import type { Vector2 } from "../types.ts";
 import type { SpacePane } from "./pane.ts";
 import type { Line } from "./pane_marks.ts";
+import type { PartPen } from "./part_pen.ts";
 import type { SpacePointTools } from "./point_tools.ts";
 
 /** A drag of the plane of the mirror. */
@@ -28,6 +29,28 @@ export class MirrorGesture extends Gesture {
   end(isCancelled: boolean) {
     const { at, normal } = this.tools.mirror;
     this.tools.moveMirror(scaled(normal, isCancelled ? this.#start : at), true);
+  }
+}
+
+/** A drag of the pen for rigid parts. */
+export class DraftGesture extends Gesture {
+  /** @param what a side of the drawing, "inside", or null for a new one */
+  constructor(
+    from: Vector2,
+    private readonly pane: SpacePane,
+    private readonly pen: PartPen,
+    private readonly what: string | null,
+  ) {
+    super(from);
+  }
+
+  drag(at: Vector2) {
+    if (this.isPress) this.pen.begin();
+    this.pen.drag(this.pane, this.what, this.from, at);
+  }
+
+  end(isCancelled: boolean) {
+    if (isCancelled && !this.isPress) this.pen.cancel();
   }
 }
 

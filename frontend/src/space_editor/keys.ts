@@ -1,6 +1,7 @@
 // The keys of the editor in space, dispatched to its parts. The keys are listed in ui/keys.ts.
 
 import { POINT_STEPS } from "../editor/handles.ts";
+import { shapeGrip } from "../editor/hit_test.ts";
 import { added, scaled } from "../maths/camera.ts";
 import { formatLength } from "../maths/numbers.ts";
 import { TURN_CODES, TURN_WAYS } from "../maths/points.ts";
@@ -13,7 +14,7 @@ import type { SpaceParts } from "./parts.ts";
 
 /** Dependencies of the keys on the editor. */
 export type SpaceKeysEditor = SpaceParts<
-  "messages" | "row" | "points" | "tools" | "brush" | "modes" | "cursor" | "commands" | "toolbar"
+  "messages" | "row" | "points" | "tools" | "brush" | "modes" | "cursor" | "commands" | "toolbar" | "shapes"
 >;
 
 /** Run the command of a key anywhere in the editor; returns whether there is one. */
@@ -41,6 +42,8 @@ export function spaceKey(editor: SpaceKeysEditor, event: KeyboardEvent) {
   if (onButton && (key === "Enter" || key === " ")) return false;
   if (key in ARROWS && target.closest("[data-mark]")) return mirrorKey(editor, pane, ARROWS[key]!, fast);
   if (!onButton && !event.altKey && brush.isOn && brush.key(key, event, ARROWS[key])) return true;
+  if (!onButton && editor.shapes.pen.isOn && editor.shapes.pen.key(key)) return true;
+  if (!onButton && partKey(editor, pane, key, event)) return true;
   const way = TURN_WAYS[event.altKey ? TURN_CODES[event.code]! : key];
   if (way) {
     tools.turnKey(pane, way, { isLarge: event.shiftKey, isScale: event.altKey });
@@ -75,6 +78,29 @@ export function spaceKey(editor: SpaceKeysEditor, event: KeyboardEvent) {
   const command = (event.shiftKey && commandOf(SPACE_EDITOR_KEYS, `Shift+${key}`)) || commandOf(SPACE_EDITOR_KEYS, key);
   if (!command) return false;
   editor.commands.run(command === "zoom" ? (key === "-" ? "zoom-out" : "zoom-in") : command, id);
+  return true;
+}
+
+/** A key on a rigid part or on a handle of its motion; returns whether it is one of the part. */
+function partKey({ points, shapes }: SpaceKeysEditor, pane: SpacePane, key: string, event: KeyboardEvent) {
+  const grip = shapeGrip(event, shapes.choice.chosen),
+    arrow = ARROWS[key],
+    way = TURN_WAYS[key],
+    isLarge = event.shiftKey,
+    { moves } = shapes;
+  if (!grip || event.altKey) return false;
+  if (key === "Enter") {
+    const { chosen } = shapes.choice;
+    shapes.choice.choose(chosen?.what === grip.chosen.what && chosen.index === grip.chosen.index ? null : grip.chosen);
+    return true;
+  }
+  if (!arrow && !way) return false;
+  shapes.choice.choose(grip.chosen);
+  if (points.isLocked || !moves.isOn) return true;
+  moves.enter(pane);
+  if (way) moves.turnKey(way, isLarge);
+  else if (grip.handle === "turn") moves.turnKey(arrow![0] || arrow![1], isLarge);
+  else moves.nudge(arrow!, isLarge ? 10 : 1, grip.handle ?? "move");
   return true;
 }
 

@@ -11,6 +11,7 @@ import { ScaleBar } from "../ui/view_parts.ts";
 import { PaneImage } from "./pane_image.ts";
 import { PaneMap } from "./pane_map.ts";
 import { LINES, type Line, PaneMarks } from "./pane_marks.ts";
+import { PaneRigidParts } from "./pane_parts.ts";
 import type { SpaceParts } from "./parts.ts";
 
 const MOST_LABELS = 10; // of points off the slice; of more, only the chosen and the pointed at show their distance
@@ -23,28 +24,28 @@ export type PaneEditor = SpaceParts<
   | "theme"
   | "row"
   | "points"
-  | "edits"
   | "map"
   | "tools"
   | "strokes"
   | "modes"
   | "cursor"
   | "status"
+  | "shapes"
 >;
 
 export class SpacePane {
   root: HTMLDivElement;
-  head: { title: HTMLButtonElement; place: HTMLSpanElement; letters: HTMLSpanElement[] };
+  head: { title: HTMLButtonElement; place: HTMLSpanElement; letters: HTMLSpanElement[]; scale: ScaleBar };
   stage: HTMLDivElement;
   image: PaneImage;
   map: PaneMap;
   svg: SVGSVGElement;
   overlay: PaneMarks;
+  parts: PaneRigidParts;
   handles: Handles<FlatPoint>;
   marks: ToolMarks;
   slider: HTMLInputElement;
   viewport: Viewport;
-  scale: ScaleBar;
 
   /** Points as they are drawn in this picture, at this depth. */
   #flat = { at: "", points: new WeakMap<SpacePoint, FlatPoint>() };
@@ -56,11 +57,6 @@ export class SpacePane {
     const { cursor, frames } = editor;
     this.root = pageElement("div", `dnb-sp-pane dnb-sp-pane${index}`, editor.row.element, { role: "group" });
     const head = pageElement("div", "dnb-sp-head", this.root);
-    this.head = {
-      title: buttonElement("dnb-sp-title", head, "", () => frames.guard(() => editor.row.enlarge(index))),
-      place: pageElement("span", "dnb-sp-place", head),
-      letters: [],
-    };
     this.stage = pageElement("div", "dnb-ed-stage dnb-sp-stage", this.root, {
       tabindex: "0",
       role: "application",
@@ -70,12 +66,17 @@ export class SpacePane {
     this.map = new PaneMap(editor, this.stage);
     this.svg = svgElement("svg", { class: "dnb-ed-svg" }, this.stage);
     this.overlay = new PaneMarks(this.svg);
+    this.parts = new PaneRigidParts(editor, this);
     this.handles = new Handles(this.svg, (id) => editor.points.numberOf(id), { label: spaceLabel, tip: spaceTip });
     this.marks = new ToolMarks(this.svg, this.handles.points);
-    this.head.letters = ["left", "right", "top", "bottom"].map((side) =>
-      pageElement("span", `dnb-sp-letter dnb-sp-${side}`, this.stage, { "aria-hidden": "true" }),
-    );
-    this.scale = new ScaleBar(this.stage);
+    this.head = {
+      title: buttonElement("dnb-sp-title", head, "", () => frames.guard(() => editor.row.enlarge(index))),
+      place: pageElement("span", "dnb-sp-place", head),
+      letters: ["left", "right", "top", "bottom"].map((side) =>
+        pageElement("span", `dnb-sp-letter dnb-sp-${side}`, this.stage, { "aria-hidden": "true" }),
+      ),
+      scale: new ScaleBar(this.stage),
+    };
     this.slider = pageElement("input", "dnb-sp-slider", this.root, { type: "range", ...OWN_KEYS });
     frames.listen(this.slider, "input", () => cursor.setDepth(this.info, Number(this.slider.value)));
     frames.listen(this.slider, "change", () => cursor.rest());
@@ -209,7 +210,7 @@ export class SpacePane {
       { worst } = status;
     this.image.paint(view, theme.colours.stage);
     this.map.draw(view, this.info);
-    this.scale.write({ height: view.height / view.k, bend: 0 }, this.editor.cursor.unit, view);
+    this.head.scale.write({ height: view.height / view.k, bend: 0 }, this.editor.cursor.unit, view);
     this.describe();
     this.overlay.drawCross(
       this.toView(cursor.place),
@@ -218,7 +219,7 @@ export class SpacePane {
     );
     this.overlay.drawWorst(worst && this.toView(worst));
     this.overlay.drawNodes(model.get("snap") || 0, view, this.info);
-    return this.#drawPoints();
+    return [this.parts.draw(view), this.#drawPoints()].some(Boolean);
   }
 
   #drawPoints(): boolean {
@@ -242,7 +243,7 @@ export class SpacePane {
 
   /** Draw the handle that turns, and the plane of the mirror where it is seen from its edge. */
   #drawMarks(flat: FlatPoint[]) {
-    const { edits, modes, points, strokes, tools } = this.editor,
+    const { modes, points, strokes, tools } = this.editor,
       { viewport } = this,
       none = { isOn: false };
     this.marks.update({
@@ -254,7 +255,7 @@ export class SpacePane {
       brush: strokes.circleIn(this),
       pen: none,
       isLocked: points.isLocked,
-      isHolding: edits.drag0 !== null,
+      isHolding: points.isDragging,
       isAdding: modes.isAdding,
       toView: (place) => viewport.toView(place),
     });

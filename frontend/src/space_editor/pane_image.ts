@@ -1,12 +1,11 @@
-// The pixels of one of the three pictures, with parts and cuts over them.
+// The pixels of one of the three pictures, with cuts over them.
 
 import type { View } from "../editor/painter.ts";
 import type { PaneContent } from "../generated.ts";
 import type { Raster } from "../types.ts";
 import { pageElement } from "../ui/dom.ts";
 
-const PART_INK = [86, 180, 233, 0.36],
-  CUT_INK = [255, 214, 10, 0.9]; // red, green, blue and opacity
+const CUT_INK = [255, 214, 10, 0.9]; // red, green, blue and opacity
 
 function makeCanvas(width: number, height: number) {
   return Object.assign(document.createElement("canvas"), { width, height });
@@ -16,14 +15,13 @@ function contextOf(canvas: HTMLCanvasElement) {
   return canvas.getContext("2d") as CanvasRenderingContext2D;
 }
 
-/** Parts and cuts as a translucent picture. */
-function tintShapes([height, width]: [number, number], shares: Uint8Array) {
+/** Cuts as a translucent picture. */
+function tintCuts([height, width]: [number, number], shares: Uint8Array) {
   const made = new ImageData(width, height),
     canvas = makeCanvas(width, height);
-  for (let k = 0, j = 0; k < shares.length; k += 2, j += 4) {
-    const [ink, share] = shares[k + 1] ? [CUT_INK, shares[k + 1]] : [PART_INK, shares[k]];
-    made.data.set(ink.slice(0, 3), j);
-    made.data[j + 3] = ink[3]! * share!;
+  for (let k = 0, j = 0; k < shares.length; k += 1, j += 4) {
+    made.data.set(CUT_INK.slice(0, 3), j);
+    made.data[j + 3] = CUT_INK[3]! * shares[k]!;
   }
   contextOf(canvas).putImageData(made, 0, 0);
   return canvas;
@@ -33,8 +31,8 @@ export class PaneImage {
   canvas: HTMLCanvasElement;
   picture: HTMLCanvasElement | null = null;
 
-  /** The parts and cuts over it. */
-  #shapes: HTMLCanvasElement | null = null;
+  /** The cuts over it. */
+  #cuts: HTMLCanvasElement | null = null;
 
   /** The depth that is seen at each pixel of a projection. */
   #depths: Float32Array | null = null;
@@ -79,10 +77,10 @@ export class PaneImage {
 
   /**
    * Take over a picture of Python.
-   * @param shares of parts and of cuts in each pixel
+   * @param shares of cuts in each pixel
    */
   take(
-    { shape: [height, width], spacing, origin, channels, shapes }: PaneContent,
+    { shape: [height, width], spacing, origin, channels, cuts }: PaneContent,
     pixels: Uint8Array,
     depths: Float32Array | null,
     shares: Uint8Array | null,
@@ -99,14 +97,14 @@ export class PaneImage {
     this.#raster = { shape: [height, width], spacing, origin };
     this.#greys = channels === 1 ? pixels : null;
     this.#depths = depths;
-    this.#shapes = shapes && shares && tintShapes(shapes, shares);
+    this.#cuts = cuts && shares && tintCuts(cuts, shares);
   }
 
   /** Paint it, unless it is on the canvas: most frames with moving points have the same picture. */
   paint({ k, x, y, ratio }: View, around: string) {
     const picture = this.picture,
-      shapes = this.#shapes,
-      painted = [picture, shapes, around, k, x, y];
+      cuts = this.#cuts,
+      painted = [picture, cuts, around, k, x, y];
     if (painted.every((value, index) => value === this.#painted[index])) return;
     this.#painted = painted;
     const c = contextOf(this.canvas);
@@ -123,6 +121,6 @@ export class PaneImage {
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     c.imageSmoothingQuality = "high";
     c.drawImage(picture, ...box);
-    if (shapes) c.drawImage(shapes, ...box);
+    if (cuts) c.drawImage(cuts, ...box);
   }
 }

@@ -19,6 +19,7 @@ import type { SpaceModes } from "./modes.ts";
 import type { PaneRow } from "./pane_row.ts";
 import type { SpacePointTools } from "./point_tools.ts";
 import type { PictureRequests } from "./requests.ts";
+import type { SpaceShapes } from "./shapes.ts";
 import type { SpaceMap } from "./space_map.ts";
 import type { SpaceStatus } from "./status_line.ts";
 import type { SpaceStrokes } from "./strokes.ts";
@@ -39,6 +40,7 @@ interface Parts {
   brush: Brush<Vector3>;
   strokes: SpaceStrokes;
   modes: SpaceModes;
+  shapes: SpaceShapes;
   foldStop: SpaceFoldStop;
   foldOffers: SpaceFoldOffers;
   /** The place at which the slices meet. */

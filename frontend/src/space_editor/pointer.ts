@@ -2,13 +2,16 @@
 
 import type { Gesture, GrabbedPoint } from "../editor/gesture.ts";
 import { BandGesture, PanGesture, PointsGesture, TapGesture, TurnGesture } from "../editor/gesture.ts";
-import { BrushGesture } from "../editor/gestures.ts";
+import { BrushGesture, PartGesture } from "../editor/gestures.ts";
 import { isRightClick, preventScrolling, WheelSteps } from "../editor/handles.ts";
+import { shapeGrip } from "../editor/hit_test.ts";
+import type { PartHandle } from "../editor/motion_handles.ts";
+import type { Chosen } from "../editor/shape_handles.ts";
 import { middleOf } from "../maths/points.ts";
 import { toPane } from "../maths/space.ts";
 import type { Vector2 } from "../types.ts";
 import { slackOf, targetOf, treeOf } from "../ui/dom.ts";
-import { CrossGesture, MirrorGesture, SliceWindowGesture } from "./gestures.ts";
+import { CrossGesture, DraftGesture, MirrorGesture, SliceWindowGesture } from "./gestures.ts";
 import type { SpacePane } from "./pane.ts";
 import { LINES } from "./pane_marks.ts";
 import type { SpaceParts } from "./parts.ts";
@@ -25,9 +28,11 @@ export type SpacePointerEditor = SpaceParts<
   | "strokes"
   | "modes"
   | "cursor"
-  | "requests"
   | "status"
+  | "shapes"
 >;
+
+const sameChoice = (a: Chosen, b: Chosen | null) => a.what === b?.what && a.index === b.index;
 
 /**
  * Pointers of one picture: points, the cross-hair, and the view with the middle button or with the space bar held.
@@ -107,7 +112,7 @@ export class PaneGestures {
 
   /** The gesture that a press begins, or null. */
   #begin(event: PointerEvent, at: Vector2): Gesture | null {
-    const { brush, cursor, messages, modes, points, strokes, tools } = this.editor,
+    const { brush, cursor, messages, modes, points, shapes, strokes, tools } = this.editor,
       { pane } = this,
       hit = this.#pointAt(event);
     const mark = targetOf(event).closest("[data-mark]")?.getAttribute("data-mark");
@@ -118,12 +123,20 @@ export class PaneGestures {
       pane.marks.grip.focus({ preventScroll: true });
       return new MirrorGesture(at, pane, tools);
     }
+    if (shapes.pen.isOn) {
+      pane.stage.focus({ preventScroll: true });
+      const what = targetOf(event).closest("[data-draft]")?.getAttribute("data-draft") ?? null;
+      return new DraftGesture(at, pane, shapes.pen, what);
+    }
     if (brush.isOn) {
       pane.stage.focus({ preventScroll: true });
       strokes.enter(pane);
       return new BrushGesture(at, brush, event.pointerType === "touch");
     }
     if (mark === "turn") return this.#turn(at);
+    const shape = hit || modes.isAdding || modes.isSelecting ? null : shapeGrip(event, shapes.choice.chosen),
+      isChosen = shape !== null && sameChoice(shape.chosen, shapes.choice.chosen);
+    if (shape?.handle && isChosen && shapes.moves.isOn) return this.#grabPart(at, shape.handle);
     if (hit) return this.#grab(event, hit, at);
     if (modes.isAdding) {
       const id = tools.addAt(pane, at);
@@ -132,7 +145,10 @@ export class PaneGestures {
       return null;
     }
     const release = (isClick: boolean) => {
-      if (isClick) points.select([]);
+      if (isClick) {
+        points.select([]);
+        if (shape || shapes.choice.chosen) shapes.choice.choose(shape?.chosen ?? null);
+      }
       cursor.rest();
     };
     if (this.isOthers) {
@@ -153,15 +169,25 @@ export class PaneGestures {
 
   /** A right click deletes the point under it; a drag changes the window of the slices. */
   #rightPress(at: Vector2, hit: GrabbedPoint | null) {
-    const { cursor, requests, status, tools } = this.editor,
+    const { cursor, status, tools } = this.editor,
       { window } = status.facts;
     if (!window || !cursor.isSlice) return null;
     return new SliceWindowGesture(
       at,
       window,
-      (to, isMoving) => requests.look({ window: to }, isMoving),
+      (to, isMoving) => cursor.setWindow(to, isMoving),
       () => hit && tools.remove([hit.id]),
     );
+  }
+
+  /** A press on the chosen rigid part. */
+  #grabPart(at: Vector2, handle: PartHandle) {
+    const { frames, shapes } = this.editor,
+      { pane } = this;
+    frames.drawNow();
+    if (handle !== "move") pane.parts.motion.focus(handle);
+    else if (shapes.choice.chosen) pane.parts.shapes.focus(shapes.choice.chosen);
+    return new PartGesture(at, shapes.moves.enter(pane), handle);
   }
 
   #turn(at: Vector2) {
@@ -224,10 +250,12 @@ export class PaneGestures {
   }
 
   #doubleClick(event: MouseEvent) {
-    const { brush, cursor, modes, points, tools } = this.editor;
-    if (points.isWaiting || modes.isSelecting || brush.isOn) return;
-    const hit = this.#pointAt(event);
+    const { brush, cursor, modes, points, shapes, tools } = this.editor;
+    if (points.isWaiting || modes.isSelecting || brush.isOn || shapes.pen.isOn) return;
+    const hit = this.#pointAt(event),
+      shape = hit ? null : shapeGrip({ target: this.#elementAt(event) }, shapes.choice.chosen);
     if (hit) cursor.goTo(hit.id);
+    else if (shape && !shape.handle) shapes.rename(this.pane);
     else tools.addAt(this.pane, this.#placeOf(event));
     event.preventDefault();
   }

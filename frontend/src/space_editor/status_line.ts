@@ -31,7 +31,7 @@ export class SpaceStatus {
   #notes: HTMLDivElement;
 
   constructor(
-    readonly editor: SpaceParts<"model" | "points" | "edits" | "brush" | "cursor" | "foldStop">,
+    readonly editor: SpaceParts<"model" | "points" | "edits" | "brush" | "cursor" | "foldStop" | "shapes">,
     root: HTMLElement,
   ) {
     this.root = pageElement("div", "dnb-ed-status", root);
@@ -51,12 +51,13 @@ export class SpaceStatus {
   /** The place where the map folds most, found by Python when the points last rested; null where nothing folds. */
   get worst() {
     const { folds, worst = null } = this.facts;
-    return this.editor.points.list.length && folds && folds[0] <= 0 ? worst : null;
+    const { points, shapes } = this.editor;
+    return points.list.length + shapes.parts.length > 0 && folds && folds[0] <= 0 ? worst : null;
   }
 
   update() {
     const { facts } = this,
-      { edits, foldStop, points } = this.editor,
+      { edits, foldStop, points, shapes } = this.editor,
       { list, selected } = points;
     if (edits.isViewer) {
       setText(this.#notes, facts.note || "Click or drag the cross-hair; the wheel goes through the slices");
@@ -69,14 +70,14 @@ export class SpaceStatus {
       ? `point ${points.numberOf(one.id)}${one.name ? ` ${one.name}` : ""} at ${one.target.map(formatLength).join(", ")}`
       : selected.size
         ? `${selected.size} selected`
-        : "";
+        : shapes.choice.name;
     setText(
       this.#line,
-      list.length
+      list.length || shapes.parts.length
         ? [count, chosen].filter(Boolean).join(" \u00b7 ")
         : "No points yet: four or more in space bend the volume, one moves it",
     );
-    this.#updateFolds(list.length ? facts.folds : null);
+    this.#updateFolds(list.length || shapes.parts.length ? facts.folds : null);
     setText(this.#notes, (facts.isBad && facts.note) || foldStop.note || facts.note || this.#advice());
     this.#notes.classList.toggle("dnb-ed-bad", Boolean(facts.isBad));
     this.#notes.classList.toggle("dnb-ed-near", !facts.isBad && Boolean(facts.note || foldStop.note));
@@ -96,9 +97,11 @@ export class SpaceStatus {
 
   /** A next step for the user, where there is nothing to remark. */
   #advice() {
-    const { brush, cursor, model, points } = this.editor;
+    const { brush, cursor, model, points, shapes } = this.editor;
     if (model.get("read_only")) return "These points are shown only";
     if (brush.isOn) return brush.advice;
+    if (shapes.pen.isOn) return shapes.pen.advice;
+    if (shapes.own) return "Drag inside the part to move it, its ring to turn it; Home puts it back, Delete removes it";
     if (points.list.length === 0) {
       return "Double-click adds a point; a click brings the slices there; ? for keys";
     }

@@ -7,7 +7,7 @@ import type { SpaceParts } from "./parts.ts";
 
 /** Dependencies of the tools for views on the editor. */
 export type SpaceViewEditor = SpaceParts<
-  "messages" | "row" | "points" | "edits" | "tools" | "brush" | "modes" | "cursor" | "commands" | "toolbar"
+  "messages" | "row" | "points" | "edits" | "tools" | "brush" | "modes" | "cursor" | "commands" | "toolbar" | "shapes"
 >;
 
 export function spaceViewTools(editor: SpaceViewEditor): EditorTools {

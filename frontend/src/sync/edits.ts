@@ -12,6 +12,7 @@
 // it.
 
 import type {
+  DrawnPart,
   EditorToPython,
   Greeting,
   MovedPart,
@@ -95,7 +96,7 @@ class EditChannel {
 
   send(
     group: "move" | "end",
-    content: Without<Exclude<EditorToPython, WandRequest | WindowPointer>, "sender" | "seq">,
+    content: Without<Exclude<EditorToPython, WandRequest | WindowPointer> | DrawnPart, "sender" | "seq">,
   ) {
     this.seq += 1;
     this.waiting[group].add(this.seq);
@@ -313,6 +314,16 @@ export class Sender<V extends Vector = Vector> {
   ) {
     this.history.record(this.state, join);
     this.#leaveShapes(what, shapes, kind, points, join !== null);
+  }
+
+  /** Let Python make a rigid part of what was drawn. */
+  drawPart(part: Without<DrawnPart, "type" | "sender" | "seq">) {
+    this.pending.move = null;
+    this.flush();
+    this.#counted("edit");
+    this.lastAt = this.clock.now();
+    this.channel.send("end", { type: "part", ...part });
+    this.#notify("history");
   }
 
   /** Send the shape that is chosen; with a copy of it, for Python's lists may have changed meanwhile. */

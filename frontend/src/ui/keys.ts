@@ -168,7 +168,18 @@ export const SPACE_EDITOR_KEYS: KeyTable = [
       ["T", "stop drags before tissue folds", { command: "stop", keys: ["t"] }],
     ],
   ],
-  ["Cuts and rigid parts", [["Pen, wand", "on a picture only: choose a step that has one"]]],
+  [
+    "Cuts and rigid parts",
+    [
+      ["P", "draw a rigid part", { command: "part", keys: ["p"] }],
+      ["Click a line", "choose the part"],
+      ["Drag inside a part", "move it; its ring turns it"],
+      ["(Shift +) arrows on it", "move it by 1 (10) voxels"],
+      [", and . on a part", "turn it by 1\u00b0, with Shift 15\u00b0"],
+      ["Home on a part", "put it back"],
+      ["Wand", "on a picture only: choose a step that has one"],
+    ],
+  ],
   [
     "Slices",
     [

@@ -2,14 +2,17 @@
 // An editor that is drawn in this window edits them by its own tools; the points of another one are sent from here.
 
 import type { Moved } from "../editor/gesture.ts";
+import type { Chosen } from "../editor/shape_handles.ts";
 import { numberOf } from "../maths/point_names.ts";
 import { addPoint, nextId, removePoints, samePoints } from "../maths/points.ts";
 import { translateInSpace, updateSources } from "../maths/space.ts";
+import { spacePartsOf } from "../maths/space_parts.ts";
 import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.ts";
 import type { Sender } from "../sync/edits.ts";
 import { senderOf, setTrait } from "../sync/edits.ts";
 import type { Bus, EditorTools, Model, PicturePoint, Plane, Point, SpacePoint, Vector3 } from "../types.ts";
 import { LiftedPoints } from "./lifted_points.ts";
+import type { EditedParts } from "./part_loops.ts";
 
 /** The model of an editor, and what its views in the window share. */
 interface Edited {
@@ -72,10 +75,12 @@ export class FollowedPoints {
     });
     editor.on("change:selected", chosen);
     editor.on("change:plane", placed);
+    editor.on("change:chosen_shape", this.draw);
     followed.ends.push(
       unlisten,
       () => editor.off("change:selected", chosen),
       () => editor.off("change:plane", placed),
+      () => editor.off("change:chosen_shape", this.draw),
     );
     sender.receive();
     placed();
@@ -114,6 +119,19 @@ export class FollowedPoints {
   /** The tools of the editor, if it is drawn in this window. */
   get tools(): EditorTools | null {
     return this.#edited?.bus.tools?.at(-1) ?? null;
+  }
+
+  /** The rigid parts of points in space, as they are during a drag in this window. */
+  get parts(): EditedParts {
+    const { bus, editor, sender } = this.edited,
+      { latest } = bus,
+      { what = "", index = 0 } = (editor.get("chosen_shape") ?? {}) as Partial<Chosen>,
+      parts = latest?.phase === "move" ? latest.settings.parts : sender.shapes.parts;
+    return {
+      parts: this.lifted ? [] : spacePartsOf(parts ?? []),
+      chosen: what === "parts" ? index : null,
+      panes: editor.get("panes") ?? [],
+    };
   }
 
   get isLocked() {

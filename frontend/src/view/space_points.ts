@@ -11,6 +11,7 @@ import type { Vector2, Vector3, ViewStroke } from "../types.ts";
 import { ARROWS, pageElement, placeIn, setAttributes, svgElement } from "../ui/dom.ts";
 import { Body } from "./body.ts";
 import { FollowedPoints } from "./followed_points.ts";
+import { PartLoops } from "./part_loops.ts";
 import { type Hit, PointDrag } from "./point_drag.ts";
 import { AXIS_NAMES, PointMarks } from "./point_marks.ts";
 import { PointOptions } from "./point_options.ts";
@@ -23,6 +24,7 @@ const SAME_SURFACE = 1.5; // voxels: a point nearer than this to the surface is 
 export class SpacePoints {
   readonly points: FollowedPoints;
   readonly marks: PointMarks;
+  readonly loops: PartLoops;
   readonly drag: PointDrag;
   readonly options: PointOptions;
   readonly requests: SurfaceRequests;
@@ -40,6 +42,7 @@ export class SpacePoints {
       () => this.#middle,
     );
     this.marks = new PointMarks(root, this.points);
+    this.loops = new PartLoops(this.marks.svg);
     this.drag = new PointDrag(this.points, this.marks, this);
     this.options = new PointOptions(root, this.drag);
     this.requests = new SurfaceRequests(view.messages);
@@ -152,6 +155,7 @@ export class SpacePoints {
     }
     const { camera } = this;
     const isFocusLost = marks.draw(camera, box, drag.axes, drag.axis);
+    this.loops.draw(camera, this.points.parts);
     if (isFocusLost) canvas.focus({ preventScroll: true });
     options.show(marks.lead ? this.#depthWords() : null);
     if (view.values) marks.lookLater(camera, () => this.body);

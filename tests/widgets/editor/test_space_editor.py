@@ -17,17 +17,19 @@ from scripts import run_script
 from waiting import PATIENCE, wait_for
 
 from deformnb.document.deformation import Deformation
+from deformnb.document.json_regions import part_to_data
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.fields import Identity, compose
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.regions import HalfSpace
+from deformnb.rbf.regions import HalfSpace, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.volume.transfer import preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import SpaceEditor
-from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, shapes_on, slice_folds
+from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, cuts_on, slice_folds
+from deformnb.widgets.messages.editors import ShapesEdit
 from deformnb.widgets.messages.points import points_to_json
 
 EDITS = ("ui/dom.ts", "maths/camera.ts", "maths/points.ts", "editor/handles.ts", "maths/space.ts")
@@ -319,31 +321,20 @@ def test_behind_the_slice_is_where_the_wheel_goes(volume: Volume, view: str) -> 
     np.testing.assert_allclose(pane.behind(place).signed_distance(at), [-3.0, 3.0], atol=1e-9)
 
 
-def test_parts_and_cuts_are_marked_where_they_are_on_a_slice(volume: Volume, points: ControlPoints) -> None:
-    ground = RigidPart(HalfSpace((0.0, 0.0, 16.0), (0.0, 0.0, 1.0)))
-    away = RigidPart(HalfSpace((8.0, 0.0, 0.0), (1.0, 0.0, 0.0)), RigidMotion(np.eye(3), np.array([4.0, 0, 0])))
+def test_cuts_are_marked_where_they_are_on_a_slice(volume: Volume) -> None:
     cut = Cut(HalfSpace((0.0, 20.0, 0.0), (0.0, 1.0, 0.0)))
-    step = Deformation.from_space_points(points).steps[0]
     axial, coronal, _ = (Pane.of(volume.grid, view) for view in PANES)
-    assert shapes_on(axial, 0.0, step) is None
-    assert shapes_on(axial, 0.0, replace(step, parts=(replace(ground, enabled=False),))) is None
-    marked = shapes_on(coronal, 10.0, replace(step, parts=(ground, away)))
-    assert marked is not None
-    raster = coronal.raster(192)
-    assert marked.shape == (*raster.shape, 2)
-    x = coronal.plane.from_plane(np.concatenate([raster.points(), np.full((*raster.shape, 1), 10.0)], axis=-1))
-    inside = (x[..., 2] < 16) | (x[..., 0] < 12)  # of the second where it has gone
-    sure = (np.abs(x[..., 2] - 16) > 1) & (np.abs(x[..., 0] - 12) > 1)
-    np.testing.assert_array_equal(marked[..., 0][sure] == 255, inside[sure])
-    assert marked[..., 1].max() == 0
-    lines = shapes_on(axial, 0.0, replace(step, cuts=(cut,)))
+    assert cuts_on(axial, 0.0, ()) is None
+    assert cuts_on(axial, 0.0, (replace(cut, enabled=False),)) is None
+    lines = cuts_on(axial, 0.0, (cut,))
     assert lines is not None
-    rows = np.flatnonzero(lines[..., 1].max(axis=1))
+    assert lines.shape == axial.raster(192).shape
+    rows = np.flatnonzero(lines.max(axis=1))
     np.testing.assert_allclose(axial.plane.from_plane([0, axial.raster(192).rows[rows].mean()])[1], 20.0, atol=1.0)
-    assert lines[..., 1].max() == 255
-    flat = shapes_on(coronal, coronal.depth_of([0.0, 20.0, 0.0]), replace(step, cuts=(cut,)))
+    assert lines.max() == 255
+    flat = cuts_on(coronal, coronal.depth_of([0.0, 20.0, 0.0]), (cut,))
     assert flat is not None
-    assert 20 < flat[..., 1].min() <= flat[..., 1].max() < 50  # it lies in the slice, which is seen through it
+    assert 20 < flat.min() <= flat.max() < 50  # it lies in the slice, which is seen through it
     assert len(rows) <= 4
 
 
@@ -356,12 +347,77 @@ def test_a_picture_is_as_fine_as_the_voxels_but_has_no_more_pixels_than_asked(mo
     np.testing.assert_allclose(raster.box, pane.box[:4])
 
 
-def test_a_ground_is_sent_with_its_slices(volume: Volume, points: ControlPoints, editor: SpaceEditor) -> None:
-    editor.options = {"parts": (RigidPart(HalfSpace((0.0, 0.0, 6.0), (0.0, 0.0, 1.0))),)}
+def test_a_cut_is_sent_with_its_slices(volume: Volume, editor: SpaceEditor) -> None:
+    editor.options = {"cuts": (Cut(HalfSpace((0.0, 0.0, 6.0), (0.0, 0.0, 1.0))),)}
     receive(editor, {"type": "hello", "view": "v"})
     content, buffers = pictures(editor)
     assert len(buffers) == 6
-    assert [len(b) for b in buffers[1::2]] == [2 * p["shapes"][0] * p["shapes"][1] for p in content["panes"]]
+    assert [len(b) for b in buffers[1::2]] == [p["cuts"][0] * p["cuts"][1] for p in content["panes"]]
+
+
+# ---- rigid parts -----------------------------------------------------------------------------------------------------
+
+
+def drawn(seq: int = 1, **changes: Any) -> dict[str, Any]:
+    place = {"form": "ellipsoid", "middle": [20.0, 18.0, 15.0], "radii": [6.0, 5.0, 4.0]}
+    return {"type": "part", "sender": "w1", "seq": seq, **place, **changes}
+
+
+def test_a_drawn_part_becomes_one_and_is_chosen(editor: SpaceEditor) -> None:
+    receive(editor, drawn())
+    (part,) = editor.parts
+    assert editor.chosen_shape == {"what": "parts", "index": 0}
+    assert (part.motion, editor.seen, editor.tissue) == (None, {"w1": 1}, None)
+    pane = Pane.of(editor.volume.grid, next(iter(PANES)))
+    for k, radius in enumerate((6.0, 5.0, 4.0)):
+        ends = np.array([20.0, 18.0, 15.0]) + np.outer([-1, 1], radius * pane.plane.frame[k])
+        np.testing.assert_allclose(part.region.signed_distance(ends), 0, atol=0.15)
+    assert editor.options == {"parts": (part,)}
+    np.testing.assert_allclose(editor.fit().displacement([20.0, 18.0, 15.0]), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("wrong", [{"form": "ball"}, {"radii": [1.0, 0.0, 1.0]}, {"middle": [1.0, 2.0]}])
+def test_a_drawing_that_is_none_changes_nothing(editor: SpaceEditor, wrong: dict[str, Any]) -> None:
+    receive(editor, drawn(**wrong))
+    error, done = (content for content, _ in editor.messages)
+    assert error["type"] == "error"
+    assert done == {"type": "done", "sender": "w1", "seq": 1}
+    assert (editor.parts, editor.seen) == ((), {"w1": 1})
+
+
+def test_a_part_that_is_dragged_moves_in_the_slices_and_is_an_edit_at_its_end(editor: SpaceEditor) -> None:
+    receive(editor, drawn())
+    (part,) = editor.parts
+    motion = RigidMotion.turn(20, (20, 18, 15), (2, 1, 0), (0, 0, 1))
+    data = part_to_data(replace(part, motion=motion))
+    move = {**edit(editor.points, 2, "move"), "part": {"index": 0, "motion": data["motion"]}}
+    receive(editor, {"type": "hello", "view": "v"})
+    receive(editor, {"type": "seen", "view": "v", "seq": pictures(editor)[0]["seq"]})
+    since = len(editor.messages)
+    receive(editor, move)
+    content, buffers = pictures(editor, since)
+    assert editor.parts == (part,)  # on its way it is no edit
+    moved = editor.field(parts=(replace(part, motion=motion),))
+    made = SpacePictures(editor.volume, preset("specimen", editor.volume))
+    for index, pane in enumerate(content["panes"]):
+        expected = made.slice(pane["index"], moved, editor.cursor, max(pane["shape"])).values
+        np.testing.assert_array_equal(np.frombuffer(buffers[index], np.uint8).reshape(pane["shape"]), expected)
+    heard: list[ShapesEdit] = []
+    editor.on_shapes(heard.append)
+    receive(editor, {"type": "shapes", "sender": "w1", "seq": 3, "what": "parts", "kind": "move it", "shapes": [data]})
+    np.testing.assert_allclose(editor.parts[0].motion.matrix, motion.matrix)
+    assert [(e.kind, e.what) for e in heard] == [("move it", "parts")]
+    np.testing.assert_allclose(editor.field().displacement(motion([20, 18, 15])), [-2, -1, 0], atol=1e-6)
+
+
+def test_a_part_of_a_picture_is_refused_in_space(editor: SpaceEditor) -> None:
+    flat = RigidPart(Polygon([(0, 0), (4, 0), (4, 4)]))
+    with pytest.raises(DeformError, match="is on a picture"):
+        editor.parts = (flat,)
+    shapes = [part_to_data(flat)]
+    receive(editor, {"type": "shapes", "sender": "w1", "seq": 1, "what": "parts", "kind": "add", "shapes": shapes})
+    assert "Python did not take these parts: parts[0] is on a picture" in editor.messages[0][0]["message"]
+    assert editor.parts == ()
 
 
 def test_another_volume_keeps_the_points(editor: SpaceEditor, points: ControlPoints) -> None:

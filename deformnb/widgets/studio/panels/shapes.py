@@ -311,8 +311,8 @@ _EMPTY = (
     "point on each side. A rigid part stays undeformed: draw around it."
 )
 _EMPTY_SPACE = (
-    "Nothing yet. In space a cut and a fixed side lie at the large slice, and a label can be either. The pen and the "
-    "wand need a picture: choose a side over it."
+    "Nothing yet. In space a rigid part is drawn in the slices, a cut and a fixed side lie at the large slice, and a "
+    "label can be either. The wand needs a picture: choose a side over it."
 )
 _FIXED_AT = 0.1  # share of the picture's height, from below
 
@@ -340,6 +340,7 @@ class ShapesPanel(Panel):
     ) -> None:
         super().__init__(session, guard)
         self._editors, self._editor = editors, editors.plane
+        self._followed: list[Any] = []  # editors in which shapes are chosen
         self._chosen: tuple[str, int] | None = None
         self._listed: dict[str, tuple[Any, ...]] = {"cut": (), "part": ()}  # the list of the chosen row
         self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
@@ -370,8 +371,6 @@ class ShapesPanel(Panel):
         self.labels = LabelChooser(session, guard, self.add_regions, folder, labels, names)
         more = row(*self._drawing, self._cut_slice, fixed)
         self.box = column(self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box)
-        self._editor.observe(self._follow_choice, "chosen_shape")
-        self._follow_choice({"new": self._editor.chosen_shape})  # before the panel was made
         self.refresh()
 
     def _draw_buttons(self) -> list[Any]:
@@ -391,7 +390,8 @@ class ShapesPanel(Panel):
     def close(self) -> None:
         """Let go of the label volume and of the picture."""
         self.labels.close()
-        self._editor.unobserve(self._follow_choice, "chosen_shape")
+        for editor in self._followed:
+            editor.unobserve(self._follow_choice, "chosen_shape")
 
     # -- contents ------------------------------------------------------------------------------------------------------
 
@@ -423,6 +423,7 @@ class ShapesPanel(Panel):
 
     def arrange(self) -> None:
         self._follow()
+        self._follow_editor(self._editors.current)
         rows, step = self._rows(), self.session.editing.step
         self.items.show(
             [_row(what, k, (step.cuts if what == "cut" else step.parts)[k]) for what, k in rows],
@@ -448,9 +449,18 @@ class ShapesPanel(Panel):
         elif len(rows := self._rows()) == 1 and not any(before.values()):
             self._chosen = rows[0]
 
+    def _follow_editor(self, editor: Any) -> None:
+        """Follow the choice in an editor, also that from before."""
+        if editor in self._followed:
+            return
+        self._followed.append(editor)
+        editor.observe(self._follow_choice, "chosen_shape")
+        if chosen := editor.chosen_shape:
+            self._choose(chosen["what"].removesuffix("s"), chosen["index"])
+
     def _follow_choice(self, change: Any) -> None:
         chosen = change["new"]
-        if chosen and self.session.editing.step.plane is not None:  # where it has none, the row stays
+        if chosen and change["owner"] is self._editors.current:  # where it has none, the row stays
             self._choose(chosen["what"].removesuffix("s"), chosen["index"])
             self.refresh()
 
@@ -511,10 +521,10 @@ class ShapesPanel(Panel):
         self.refresh()
 
     def _show_in_the_picture(self) -> None:
-        if self._chosen is not None and self.session.editing.step.plane is not None:
-            what, index = self._chosen
-            if index < len(getattr(self._editor, f"{what}s")):  # else another picture is still being made
-                self._editor.choose(f"{what}s", index)
+        if self._chosen is not None:
+            (what, index), editor = self._chosen, self._editors.current
+            if index < len(getattr(editor, f"{what}s")):  # else another picture is still being made
+                editor.choose(f"{what}s", index)
 
     def _fixed_side(self) -> HalfSpace:
         """All below a level near the lower edge of the picture; in space, all behind the large slice."""

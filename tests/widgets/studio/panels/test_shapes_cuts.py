@@ -24,7 +24,8 @@ def done(action: Any) -> bool:
 
 def test_a_cut_ends_here_or_goes_on_to_the_border() -> None:
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
-    panel = ShapesPanel(session, done, SimpleNamespace(plane=Editor(None)))
+    editor = Editor(None)
+    panel = ShapesPanel(session, done, SimpleNamespace(plane=editor, current=editor))
     session.editing.change(cuts=[Cut(Line([(3, 2), (4, 8)]), "incision")])
     panel.refresh()
     (ends,) = (c.widget for c in panel.controls if c.widget.description == "Cut's ends")
