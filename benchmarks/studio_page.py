@@ -51,6 +51,14 @@ _AT_REST = """() => {
     && loop.screen.drawn[loop.screen.layer] === `full${loop.screen.layer}`;
 }"""
 
+_LETS_FOLD = """() => {
+  for (const root of document.querySelectorAll(".dnb-editor, .dnb-space")) {
+    root.deformnb.model.set("stop_at_folds", false);
+    root.deformnb.model.save_changes();
+  }
+}"""
+"""A stopped drag moves nothing, so that no view is drawn."""
+
 TRACED = {
     "script": {
         "FunctionCall",
@@ -150,6 +158,7 @@ class StudioTab:
         self.wait_until_ready()
         if host is not None:
             self.page.locator(".dnb-studio").evaluate("(e) => e.scrollIntoView({ block: 'start' })")
+        self.page.evaluate(_LETS_FOLD)
         self.page.wait_for_function(_AT_REST, timeout=60_000)
         self.connection = Connection(port, marker)
 

@@ -1110,13 +1110,16 @@ export const RBF_KERNELS: Record<string, Kernel> = Object.fromEntries(
 
 const TABLES: Map<string, KernelTable> = new Map();
 
-/** The name of the kernel of settings; one that Python has registered comes with its table. */
+/**
+ * The name of the kernel of settings; one that Python has registered comes with its table. It is the very string that the
+ * kernel is stored under: for an equal one, such as a part of a longer text, V8 discards the compiled code at each access.
+ */
 export function rbfKernelOf({ kernel = "wendland_c2", kernel_table: table }: FitSettings) {
   if (table?.name === kernel && TABLES.get(kernel)?.numbers !== table.numbers) {
     TABLES.set(kernel, table);
     RBF_KERNELS[kernel] = kernelOfTable(table);
   }
-  return kernel;
+  return Object.keys(RBF_KERNELS).find((name) => name === kernel) ?? kernel;
 }
 
 /** order: the largest order of a kernel that the trend can be paired with. */

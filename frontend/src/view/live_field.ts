@@ -91,7 +91,8 @@ export class LiveField {
     loop.apply(() => {
       const { shown } = this; // of then, which may be a newer one
       if (!caster.voxels.volume || !shown) return;
-      caster.fields.setPlanar(shown.planar);
+      const { planar } = caster.fields;
+      if (!planar || !shown.planar || !isSamePlanar(planar, shown.planar)) caster.fields.setPlanar(shown.planar);
       caster.fields.setSpace(shown.space);
       caster.voxels.volume.box = camera.box;
       this.view.mark();

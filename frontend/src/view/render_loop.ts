@@ -1,6 +1,6 @@
 // Scheduling of the drawing: quick pictures while something moves; at rest all pixels, and then passes that are averaged.
 // It is all drawn in pieces, but shown only when it is a whole picture, smoothly enlarged.
-// Never more than one piece of work is in flight, so the next movement waits for that piece only.
+// Never more than two pieces of work are in flight, so the next movement waits for those only.
 // The view consists of pictures side by side, or of alternating layers; each has a place and a camera.
 // A browser whose canvas has changed waits, as it puts its next frame together, for all that the GPU was given: so the
 // canvas changes when the GPU has nothing left to do, and receives no more until that frame is in flight.
@@ -16,10 +16,14 @@ export type Tile = Vector4;
 export interface Rush {
   pieces: { picture: Picture; tile: Tile }[];
   size: Vector2;
+  /** Whatever it is made of; pictures of equal ones are the same */
+  inputs: unknown[];
   coarseness: number;
   layers: number[];
   start: number;
   spent: number;
+  /** Pieces that the GPU has */
+  inFlight: number;
 }
 
 /** Of a full picture */
@@ -51,8 +55,6 @@ const PIECE_MS = 25; // of a quick picture: a widget that draws a picture next t
 // that moves the points needs too.
 const GPU_SHARE = 0.5,
   SOFTWARE_SHARE = 0.25; // of the usual 65 ms: 16, so that a volume follows in every second frame
-const REST_SHARE = 0.5, // of the time that the last quick picture of a software renderer took, for which it rests
-  LONGEST_REST = 40; // ms
 const HEARD_MS = 3; // from the end of the GPU's work until the page is notified
 const COARSEST = 2; // halvings of the pixels: half of them along both axes, or a moving volume is a blur
 const FEWEST_PIXELS = 8000; // of a quick picture: 7 to 12 ms of drawing; with fewer it waits for other work as long
@@ -60,6 +62,7 @@ const KNOWN_COSTS = 5; // of quick pictures, whose median counts: a single slow 
 const FITS_EASILY = 0.75,
   EXCEEDS = 1.3; // of the time: between the two the scale stays, or the picture would flicker
 const ANSWER_MS = 1000; // after a drag: what changes within that time is an answer to it, and no movement follows
+const QUEUED = 2; // pieces of a quick picture that the GPU has at a time
 const MOST_PIECES = 3; // each waits for its turn at the GPU: many small ones take longer than they save
 // [milliseconds, passes]: the faster a full picture, the more of them are averaged; without a GPU the processors have
 // other work to do.
@@ -154,6 +157,7 @@ class ShownLayers {
   mixture: number | null = null;
   /** By layer: the best picture that is up to date, "full" or a name for fewer pixels */
   drawn: Record<number, string> = {};
+  quickInputs: unknown[] = []; // of the last quick picture that is complete
   #showing: string | null = null; // the picture on the canvas
   #over: string | null = null; // the one that a mixture lays over it
   #parts = 1; // pictures side by side
@@ -166,6 +170,11 @@ class ShownLayers {
 
   isSeen(layer: number) {
     return this.mixture !== null || layer === this.layer;
+  }
+
+  /** Whether the canvas shows the best picture of the layer that is seen. */
+  get isShowing() {
+    return this.#showing !== null && this.#showing === this.drawn[this.layer];
   }
 
   choosePictures([width, height]: Vector2) {
@@ -200,17 +209,6 @@ class Movement {
   isHeld = false;
   #moved = 0;
   #dropped = -Infinity;
-  #rested = 0;
-
-  /** Milliseconds until the next quick picture of a drag may begin. */
-  get rest() {
-    return this.#rested - performance.now();
-  }
-
-  /** Rest for some milliseconds after a quick picture. */
-  pause(rest: number) {
-    this.#rested = performance.now() + rest;
-  }
 
   hold(isHeld: boolean) {
     if (this.isHeld && !isHeld) this.#dropped = performance.now();
@@ -240,10 +238,14 @@ function soon(task: () => void, delay: number) {
   else setTimeout(task, delay);
 }
 
-/** The turns of the GPU: one piece of work is in flight, and then a frame of the page, if the canvas has changed. */
+/** Work that the GPU was given, and what to call when it is finished. */
+type Turn = { sync: WebGLSync; done: (ms: number) => boolean };
+
+/** The turns of the GPU: at most QUEUED pieces of work are in flight, and then a frame of the page, if the canvas has changed. */
 class GpuTurns {
   isClosed = false;
-  #sync: WebGLSync | null = null; // of the work that the GPU has not finished
+  #inFlight: Turn[] = []; // the oldest first
+  #begun = 0; // when the GPU began the oldest one
   #isShowing = false; // whether a frame with a changed canvas is put together
   #timer = 0;
   #frame = 0;
@@ -260,8 +262,12 @@ class GpuTurns {
     cancelAnimationFrame(this.#frame);
   }
 
+  get #isBusy() {
+    return this.#inFlight.length > 0 || this.#isShowing;
+  }
+
   plan(delay: number) {
-    if (this.isClosed || this.#sync || this.#isShowing) return; // the work in flight plans the next step itself
+    if (this.isClosed || this.#isBusy) return; // the work in flight plans the next step itself
     if (this.#frame) return; // rescheduled by a change in every frame, as by an animation, it would never run
     clearTimeout(this.#timer);
     const step = () => {
@@ -270,7 +276,7 @@ class GpuTurns {
     };
     // After the frame: a widget that moves points has drawn them by then, and its picture waits for no rays.
     const next = () => {
-      this.#frame = requestAnimationFrame(() => setTimeout(step, 0));
+      this.#frame = requestAnimationFrame(() => soon(step, 0));
     };
     if (delay > 0) this.#timer = setTimeout(next, delay);
     else next();
@@ -278,42 +284,55 @@ class GpuTurns {
 
   /** Step, where no other step has given the GPU work meanwhile. */
   #go() {
-    if (!this.isClosed && !this.#sync && !this.#isShowing) this.step();
+    if (!this.isClosed && !this.#isBusy) this.step();
   }
 
   /**
-   * Call done when the GPU has finished, without blocking the page, with the milliseconds that it took; done returns
-   * whether it has changed the canvas. Where the page polls late, half of the time since its last poll is counted.
+   * Call done when the GPU has finished what it was given, without blocking the page, with the milliseconds that it
+   * took; done returns whether it has changed the canvas. Where the page polls late, half of the time since its last
+   * poll is counted.
    */
   wait(done: (ms: number) => boolean) {
     const { gl } = this;
-    this.#sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    const sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
-    const start = performance.now();
-    let looked = start;
-    const look = () => {
-      if (this.isClosed || !this.#sync) return;
-      if (gl.isContextLost()) {
-        this.#sync = null;
-        return;
-      }
-      if (gl.getSyncParameter(this.#sync, gl.SYNC_STATUS) !== gl.SIGNALED) {
-        looked = performance.now();
-        soon(look, 2);
-        return;
-      }
-      gl.deleteSync(this.#sync);
-      this.#sync = null;
-      this.#isShowing = done((looked + performance.now()) / 2 - start);
-      const next = () => {
-        this.#isShowing = false;
-        this.#go();
-      };
-      if (this.#isShowing)
-        requestAnimationFrame(() => setTimeout(next, 0)); // a frame is put together between the two
-      else soon(next, 0);
+    if (!sync) return; // the context is lost
+    this.#inFlight.push({ sync, done });
+    if (this.#inFlight.length > 1) return;
+    const now = performance.now();
+    this.#begun = now;
+    soon(() => this.#look(now), 1);
+  }
+
+  /** @param looked when the page polled last */
+  #look(looked: number) {
+    const { gl } = this,
+      [oldest] = this.#inFlight;
+    if (this.isClosed || !oldest) return;
+    if (gl.isContextLost()) {
+      this.#inFlight = [];
+      return;
+    }
+    const now = performance.now();
+    if (gl.getSyncParameter(oldest.sync, gl.SYNC_STATUS) !== gl.SIGNALED) {
+      soon(() => this.#look(now), 2);
+      return;
+    }
+    gl.deleteSync(oldest.sync);
+    this.#inFlight.shift();
+    const ended = (looked + now) / 2,
+      ms = ended - this.#begun,
+      others = this.#inFlight.length;
+    this.#begun = ended;
+    this.#isShowing = oldest.done(ms);
+    const next = () => {
+      this.#isShowing = false;
+      this.#go();
     };
-    soon(look, 1);
+    if (others > 0) soon(() => this.#look(ended), 0);
+    // A frame is put together between the two.
+    else if (this.#isShowing) requestAnimationFrame(() => soon(next, 0));
+    else if (!this.#isBusy) soon(next, 0);
   }
 }
 
@@ -390,7 +409,6 @@ export class FrameLoop {
     if (turns.isClosed || !caster.isReady || caster.gpu.gl.isContextLost()) return;
     const left = movement.left(this.options().settle);
     if (this.rush) this.#piece(this.rush);
-    else if (this.isRequested && movement.isHeld && movement.rest > 0) turns.plan(movement.rest);
     else if (this.isRequested) this.#quick();
     else if (movement.isHeld || left > 0) turns.plan(Math.max(16, left));
     else this.#refine();
@@ -409,25 +427,38 @@ export class FrameLoop {
       height = Math.max(24, Math.round(h * scale));
     const count = Math.max(1, Math.min(MOST_PIECES, Math.round((cost * width * height) / PIECE_MS)));
     const rows = Math.max(4, Math.ceil(height / count));
-    const pieces: Rush["pieces"] = [];
-    for (const picture of this.screen.choosePictures([width, height])) {
-      if (!this.screen.isSeen(picture.layer)) continue;
+    const pictures = this.screen.choosePictures([width, height]).filter(({ layer }) => this.screen.isSeen(layer)),
+      pieces: Rush["pieces"] = [];
+    for (const picture of pictures) {
       for (let y = 0; y < height; y += rows) {
         pieces.push({ picture, tile: [picture.x, y, picture.width, Math.min(rows, height - y)] });
       }
     }
     // Fewer samples along the ray too: half of the time saved by fewer pixels would be spent on depth nobody sees.
     const coarseness = this.caster.gpu.isSoftware && scale < 1 ? 2 : 1.15;
-    this.rush = {
+    const rush: Rush = {
       pieces,
       size: [width, height],
+      inputs: [width, height, coarseness, ...this.caster.inputsOf(pictures)],
       coarseness,
-      layers: [...new Set(pieces.map(({ picture }) => picture.layer))],
+      layers: [...new Set(pictures.map(({ layer }) => layer))],
       start: performance.now(),
       spent: 0,
+      inFlight: 0,
     };
-    this.#piece(this.rush);
+    const { quickInputs } = this.screen,
+      isSame = quickInputs.length > 0 && rush.inputs.every((input, k) => input === quickInputs[k]);
+    if (isSame) {
+      // A drag that is stopped at folds moves nothing.
+      for (const layer of rush.layers) this.screen.drawn[layer] = `coarse${layer}`;
+      if (!this.screen.isShowing) this.screen.show();
+    } else {
+      this.rush = rush;
+      this.screen.quickInputs = [];
+      for (let k = 0; k < QUEUED; k++) this.#piece(rush);
+    }
     for (const callback of this.begun.splice(0)) callback();
+    if (isSame) this.turns.plan(0);
   }
 
   #piece(rush: Rush) {
@@ -435,11 +466,13 @@ export class FrameLoop {
     if (!piece) return;
     const { picture, tile } = piece;
     this.caster.cast(`coarse${picture.layer}`, ...rush.size, picture, { coarseness: rush.coarseness, tile });
+    rush.inFlight += 1;
     this.turns.wait((ms) => {
+      rush.inFlight -= 1;
       rush.spent += Math.max(0, ms - HEARD_MS);
-      if (rush.pieces.length > 0 || this.rush !== rush) return false;
-      for (const layer of rush.layers) this.screen.drawn[layer] = `coarse${layer}`;
-      this.screen.show();
+      if (this.rush !== rush) return false;
+      if (rush.pieces.length > 0) this.#piece(rush); // the GPU does not wait for the page between two of them
+      if (rush.inFlight > 0) return false;
       this.#finishRush(rush);
       return true;
     });
@@ -447,13 +480,14 @@ export class FrameLoop {
 
   #finishRush(rush: Rush) {
     this.rush = null;
+    this.screen.quickInputs = rush.inputs;
+    for (const layer of rush.layers) this.screen.drawn[layer] = `coarse${layer}`;
+    this.screen.show();
     const ms = performance.now() - rush.start;
     this.times.drag = [...this.times.drag.slice(-49), ms];
     this.times.frames += 1;
     const [width, height] = rush.size;
     this.quick.learn(rush.spent, width * height, this.options().target);
-    // Where the coarsest picture takes more than its share, the others on the same processors have a third of the time.
-    if (this.caster.gpu.isSoftware) this.movement.pause(Math.min(LONGEST_REST, REST_SHARE * rush.spent));
   }
 
   /** Make the changes that were requested while a picture was being drawn. */

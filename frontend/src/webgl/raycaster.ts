@@ -150,6 +150,14 @@ export class RayCaster {
     return this.showFolds && this.fields.folds;
   }
 
+  /** Whatever pictures are made of, apart from their size and steps: pictures of equal inputs are the same. */
+  inputsOf(pictures: Picture[]): unknown[] {
+    const { volume, table } = this.voxels,
+      { planar, space } = this.fields;
+    const words = JSON.stringify([pictures, volume?.box, volume?.grey, this.clip, this.background]);
+    return [volume, volume?.loaded, table, planar, space, words, this.projection, this.showFolds, this.occlusion];
+  }
+
   #program(fields: CastFields) {
     const { folds, clip, occlusion } = this;
     return this.gpu.program(
