@@ -1,9 +1,9 @@
 """A bent subject unbent along a centre line that is drawn over it.
 
 The line is smoothed and divided into stations of equal distance. Places on it and at offsets on both sides go to a
-straight line of the same arc length, through the middle of the line in its direction there: lengths along the line and
-widths across it stay. On the inner side of a bend the offset ends before the centre of curvature, where the offset
-curves would cross. The front end does the same in ``frontend/src/maths/centre_line.ts``.
+straight line of the same arc length, through the middle of the line in the direction from its first end to its last:
+lengths along the line and widths across it stay. On the inner side of a bend the offset ends before the centre of
+curvature, where the offset curves would cross. The front end does the same in ``frontend/src/maths/centre_line.ts``.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ STATIONS = 9
 
 INNER = 0.8
 """Of the radius of curvature: the largest offset on the inner side of a bend."""
+
+_CHORD = 0.2  # of the length: with ends nearer to each other, the direction in the middle of the line counts
 
 _WIDTH = 0.125  # of the length of the line: the usual half width
 
@@ -70,8 +72,10 @@ def straightened_places(centre_line: ArrayLike, half_width: float) -> tuple[Floa
     tangents /= np.linalg.norm(tangents, axis=1)[:, None]
     angles = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
     bend = np.gradient(angles, length / (_FINE - 1))
-    middle = _FINE // 2
-    along, across = tangents[middle], np.array([-tangents[middle, 1], tangents[middle, 0]])
+    middle, chord = _FINE // 2, line[-1] - line[0]
+    span = float(np.linalg.norm(chord))
+    along = chord / span if span > _CHORD * length else tangents[middle]
+    across = np.array([-along[1], along[0]])
     places, targets = [], []
     for k in np.linspace(0, _FINE - 1, STATIONS).round().astype(int):
         normal = np.array([-tangents[k, 1], tangents[k, 0]])
@@ -98,7 +102,7 @@ def straighten(step: Step, centre_line: ArrayLike, half_width: float | None = No
     Returns
     -------
     The step with points along the line, named "line 1" and so on. Points that were within twice the half width of the
-    line go, unless they are locked; others stay.
+    line, or of where it goes, go, unless they are locked; others stay.
 
     Raises
     ------
@@ -131,7 +135,8 @@ def straighten(step: Step, centre_line: ArrayLike, half_width: float | None = No
     places, targets = straightened_places(line, width)
     sources = places + _displacement(step, places)
     old = step.points
-    away = np.linalg.norm(old.target[:, None] - resample_line(line, _FINE)[None], axis=2).min(axis=1, initial=np.inf)
+    near = np.concatenate([resample_line(line, _FINE), resample_line(targets[1::3], _FINE)])
+    away = np.linalg.norm(old.target[:, None] - near[None], axis=2).min(axis=1, initial=np.inf)
     points = old.take(np.flatnonzero(old.locked | (away > 2 * width)))
     for k, (source, target) in enumerate(zip(sources, targets, strict=True)):
         points = points.add(source, target, name=f"line {k + 1}")

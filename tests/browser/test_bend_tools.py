@@ -59,6 +59,20 @@ def test_a_stroke_along_what_is_bent_straightens_it_in_two_gestures(page: Editor
     assert page.points.ids == CORNERS.ids
 
 
+def test_an_s_is_straightened_between_its_ends_and_points_in_its_way_go(open_editor: Any) -> None:
+    in_the_way, away = CORNERS.add([31, 24], [31, 24], name="in the way"), [70, 60]
+    page = open_editor(Editor(smooth_picture(), in_the_way.add(away, away, name="away")))
+    at = np.linspace(0, 1, 25)
+    use(page, "straighten")
+    stroke(page, np.stack([40 + 60 * at, 24 + 7 * np.sin(2 * np.pi * at)], axis=1))
+    made = page.points
+    assert "away" in made.names
+    assert "in the way" not in made.names
+    centre = made.target[[k for k, name in enumerate(made.names) if name.startswith("line")]][1::3]
+    assert np.ptp(centre[:, 1]) < 2
+    assert page.js(f"{PAGE}.map.folds.least") > 0
+
+
 def test_clicks_and_enter_draw_a_centre_line_by_keys_too(page: EditorOnPage) -> None:
     use(page, "straighten")
     for place in ([40, 20], [70, 10], [100, 20]):

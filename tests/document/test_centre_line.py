@@ -79,6 +79,32 @@ def test_the_targets_are_straight_and_as_long() -> None:
     assert np.ptp(middle[:, 0]) == pytest.approx(LENGTH, rel=5e-3)
 
 
+def s_curve(count: int = 200) -> np.ndarray:
+    """A whole period of a sine across the middle of the picture, slanted in its middle and level between its ends."""
+    at = np.linspace(0, 1, count)
+    return np.stack([40 + 120 * at, 60 + 22 * np.sin(2 * np.pi * at)], axis=1)
+
+
+def test_an_s_lies_in_the_direction_of_its_ends() -> None:
+    _, targets = straightened_places(s_curve(), HALF)
+    assert np.ptp(targets[1::3, 1]) < 1e-6
+    assert targets[13] == pytest.approx([100, 60], abs=0.1)
+
+
+def test_a_nearly_closed_line_takes_the_direction_of_its_middle() -> None:
+    _, targets = straightened_places(arc(6.0), HALF)  # its ends are 3 % of the line from each other
+    assert np.ptp(targets[1::3, 1]) < 1e-6
+
+
+def test_points_in_the_way_of_the_straight_line_go() -> None:
+    start = initial_step(PLANE, GRID)
+    held = start.with_points(start.points.add([23, 60], [23, 60], name="end").add([23, 20], [23, 20], name="away"))
+    step = straighten(held, s_curve(), HALF)
+    assert "away" in step.points.names
+    assert "end" not in step.points.names
+    assert step_folds(step, GRID, None).least > 0
+
+
 def test_a_jittery_stroke_gives_nearly_the_same() -> None:
     rng = np.random.default_rng(1)
     drawn = arc(1.5, count=150)
@@ -93,9 +119,8 @@ def test_the_inner_side_ends_before_the_centre_of_curvature() -> None:
     assert inner.min() > 5
 
 
-@pytest.mark.parametrize("angle", [0.7, 2.0])
-def test_the_front_end_makes_the_same_points(angle: float) -> None:
-    line = arc(angle, count=37)
+@pytest.mark.parametrize("line", [arc(0.7, count=37), arc(2.0, count=37), arc(6.0, count=90), s_curve(50)])
+def test_the_front_end_makes_the_same_points(line: np.ndarray) -> None:
     found = run_script(
         ("maths/centre_line.ts",),
         "({ line, width }) => straightenedPlaces(line, width)",

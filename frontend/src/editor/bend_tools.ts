@@ -34,13 +34,15 @@ export class BendTools {
     return halfWidthAlong(line, isTissue, Math.min(...(model.get("raster").spacing as Vector2)));
   }
 
-  /** Unbend what lies along a line: points along it, in the place of free points that were there. */
+  /** Unbend what lies along a line: points along it, in the place of free points there and where it goes. */
   straighten(line: Vector2[]) {
     const { editor } = this,
       width = this.#halfWidth(line),
       pairs = shiftInto(editor.picture.sheet, straightenedPlaces(line, width));
+    const straight = pairs.filter((_, k) => k % 3 === 1).map(({ to }) => to);
     const made: PicturePoint[] = editor.points.list.filter(
-      ({ locked, target }) => locked || distanceToLine(line, target) > 2 * width,
+      ({ locked, target }) =>
+        locked || Math.min(distanceToLine(line, target), distanceToLine(straight, target)) > 2 * width,
     );
     let id = editor.points.nextId(),
       count = 0;

@@ -1,5 +1,5 @@
 // A bent subject unbent along a centre line, as deformnb.document.centre_line: places on the smoothed line and at offsets
-// on both sides go to a straight line of the same length, through the middle of the line in its direction there.
+// on both sides go to a straight line of the same length, through the middle of the line in the direction of its ends.
 
 import type { Vector2 } from "../types.ts";
 
@@ -7,7 +7,8 @@ const FINE = 65,
   SMOOTH = 2,
   TAPS = 6,
   STATIONS = 9,
-  INNER = 0.8; // as in Python
+  INNER = 0.8,
+  CHORD = 0.2; // as in Python
 
 /** Places at equal distances along a line, with both ends. */
 export function resampleLine(line: Vector2[], count: number): Vector2[] {
@@ -48,7 +49,7 @@ export function smoothLine(line: Vector2[]): Vector2[] {
 /** A place along the smoothed line, the direction there, and the bend in radians per length. */
 type Station = { place: Vector2; along: Vector2; bend: number; away: number };
 
-/** Stations along a line, and the line's length. */
+/** Stations along a line, its length, its middle, and the direction from its first end to its last. */
 export function stationsOf(centreLine: Vector2[]) {
   const line = smoothLine(centreLine),
     last = FINE - 1;
@@ -66,20 +67,25 @@ export function stationsOf(centreLine: Vector2[]) {
     return { place: line[k]!, along: slopes[k]!, bend, away: length * (k / last - 0.5) };
   };
   const stations = Array.from({ length: STATIONS }, (_, n) => station(Math.round((n * last) / (STATIONS - 1))));
-  return { stations, length, middle: station(last / 2) };
+  const middle = station(last / 2),
+    [first, end] = [line[0]!, line[last]!],
+    span = distance(first, end);
+  const direction: Vector2 =
+    span > CHORD * length ? [(end[0] - first[0]) / span, (end[1] - first[1]) / span] : middle.along;
+  return { stations, length, middle: middle.place, direction };
 }
 
 /** Places along a centre line and beside it, as far as half a width, and where each goes when the line is straight. */
 export function straightenedPlaces(centreLine: Vector2[], halfWidth: number) {
-  const { stations, middle } = stationsOf(centreLine),
-    [u, v] = middle.along,
+  const { stations, middle, direction } = stationsOf(centreLine),
+    [u, v] = direction,
     pairs: { from: Vector2; to: Vector2 }[] = [];
   for (const { place, along, bend, away } of stations) {
     for (const side of [-1, 0, 1]) {
       const offset = side * (side * bend > 0 ? Math.min(halfWidth, INNER / Math.abs(bend)) : halfWidth);
       pairs.push({
         from: [place[0] - offset * along[1], place[1] + offset * along[0]],
-        to: [middle.place[0] + away * u - offset * v, middle.place[1] + away * v + offset * u],
+        to: [middle[0] + away * u - offset * v, middle[1] + away * v + offset * u],
       });
     }
   }
