@@ -141,3 +141,19 @@ def test_an_object_is_opened_along_an_oblique_view_in_three_gestures(tab: Tab) -
     assert tab.app.session.editing.index == 0
     plane = tab.app.session.editing.plane
     assert_allclose(tab.camera["direction"], plane.normal, atol=1e-6)  # the camera has come back with the picture
+
+
+def test_the_panes_are_arranged_for_the_side_of_the_picture_at_once(browser: Any, tmp_path: Path) -> None:
+    """A rod from its side: picture and volume above each other; from its end: side by side."""
+    values = np.zeros((24, 24, 120), np.uint8)
+    values[6:18, 6:18, 6:114] = 200
+    with RunningApp(Application(Volume(values, Grid(values.shape), "rod"), side="+y", folder=tmp_path)) as app:
+        tab = Tab(browser, app, size=STUDIO_SIZE)
+        stacked = tab.page.locator(".dnb-panes-stacked")
+        stacked.wait_for(timeout=PATIENCE)
+        sides = tab.page.locator(".dnb-pane-picture select").first
+        sides.select_option(label="from the right (+x)")
+        stacked.wait_for(state="detached", timeout=PATIENCE)
+        sides.select_option(label="from the front (+y)")
+        stacked.wait_for(timeout=PATIENCE)
+        tab.close()

@@ -45,6 +45,7 @@ class StudioHead extends Widget {
   foot: PanesFoot | null = null;
   arrivals: MutationObserver;
   frame = 0; // of the next arrangement
+  framed: Model | null = null; // of the editor whose picture the panes are arranged for
   sizes: ResizeObserver;
 
   constructor(model: Model, el: HTMLElement) {
@@ -160,6 +161,7 @@ class StudioHead extends Widget {
     this.foot ??= new PanesFoot(panes, this.sizes, () => this.#schedule());
     this.foot.arrange();
     if (!editor) return;
+    this.#follow(editor.model);
     if (!raster?.shape) {
       panes.classList.add("dnb-panes-stacked");
       return;
@@ -173,6 +175,19 @@ class StudioHead extends Widget {
     const beside = Math.min(w / 2 / width, h / height),
       above = Math.min(w / width, h / 2 / height);
     panes.classList.toggle("dnb-panes-stacked", above > beside && width / height > NEARLY_SQUARE);
+  }
+
+  /** Arrange the panes again with a picture of another shape, not only when something else happens to the page. */
+  #follow(model: Model) {
+    if (this.framed === model) return;
+    this.framed = model;
+    const changed = () => {
+      if (this.framed === model) this.#schedule();
+    };
+    for (const name of ["change:raster", "change:subject"]) {
+      model.on(name, changed);
+      this.closing.signal.addEventListener("abort", () => model.off(name, changed));
+    }
   }
 
   /** A button in the title of a pane that gives it the place of both; a double click on the title does so too. */
