@@ -196,7 +196,7 @@ def test_a_fold_is_red_and_a_badge_says_what_that_means(page: LivePage) -> None:
     assert painted.sum() > 300
     assert columns.mean() > SIZE[0] / 2 + 5  # ahead of the point, on its way to the right
     assert abs(rows.mean() - SIZE[1] / 2) < 15
-    assert page.page.locator(".dnb-messages-text").inner_text() == "red: where the map folds"
+    assert page.page.locator(".dnb-messages-text").inner_text() == "the map folds: tissue there is red"
     changed(page, lambda: setattr(view, "show_folds", False))
     r, g, _ = np.moveaxis(pixels(page), -1, 0)
     assert not (r > g + 30).any()

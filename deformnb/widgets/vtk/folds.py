@@ -20,7 +20,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.messages.views import PlanarData, SpaceData
 from deformnb.widgets.textures import FieldTextures
 
-RED = "red: where the map folds"
+RED = "the map folds: tissue there is red"
 UNSEEN = "the map folds; this renderer does not show where"
 
 # Nodes along the longest side where nothing but the field itself can be evaluated.

@@ -87,10 +87,9 @@ export class PaneImage {
   ) {
     const made = new ImageData(width, height),
       out = new Uint32Array(made.data.buffer);
-    for (let k = 0; k < out.length; k++) {
-      const [r, g, b] =
-        channels === 1 ? [pixels[k], pixels[k], pixels[k]] : [pixels[3 * k], pixels[3 * k + 1], pixels[3 * k + 2]];
-      out[k] = 0xff000000 | (b! << 16) | (g! << 8) | r!;
+    const [red, green, blue] = channels === 1 ? [0, 0, 0] : [0, 1, 2];
+    for (let k = 0, i = 0; k < out.length; k++, i += channels) {
+      out[k] = 0xff000000 | (pixels[i + blue]! << 16) | (pixels[i + green]! << 8) | pixels[i + red]!;
     }
     this.picture = makeCanvas(width, height);
     contextOf(this.picture).putImageData(made, 0, 0);

@@ -136,7 +136,7 @@ export function remarksOn({
 }) {
   const note = info?.note ?? "";
   return [
-    ["folds", "warning", caster?.folds ? "red: where the map folds" : ""],
+    ["folds", "warning", caster?.folds ? "the map folds: tissue there is red" : ""],
     ["cuts", "info", field?.coarse ? COARSE : ""],
     ["resolution", "info", note && isScarce ? `${note}, as much as the graphics memory holds` : note],
   ] as const;

@@ -514,9 +514,9 @@ def test_folds_are_red_and_named_and_can_be_switched_off(open_view: Any) -> None
     view.see_all()
     assert red(view.still()) > 100
     assert red(picture(view.frames[-1][1][0])) > 50
-    assert badges(view) == ["red: where the map folds"]
+    assert badges(view) == ["the map folds: tissue there is red"]
     view.say(type="hello", **{**PAGE, "view": "b"})  # a second client is informed too
-    assert badges(view) == 2 * ["red: where the map folds"]
+    assert badges(view) == 2 * ["the map folds: tissue there is red"]
     view.shows = "original"
     assert (red(view.still()), view.pictures.badge) == (0, "")
     view.shows = "deformed"
@@ -524,7 +524,7 @@ def test_folds_are_red_and_named_and_can_be_switched_off(open_view: Any) -> None
     assert (red(view.still()), view.pictures.badge) == (0, "")
     view.show_folds = True
     assert red(view.still()) > 100
-    assert badges(view)[-1] == "red: where the map folds"
+    assert badges(view)[-1] == "the map folds: tissue there is red"
     assert view.get_state(["show_folds"]) == {"show_folds": True}
 
 
