@@ -34,6 +34,7 @@ const WIDGETS = {
     "editor/editor.ts",
     "ui/theme.css",
     "ui/compare.css",
+    "ui/messages.css",
     "editor/editor.css",
     "editor/tools.css",
     "editor/grid_nodes.css",
@@ -41,6 +42,7 @@ const WIDGETS = {
   space_editor: [
     "space_editor/editor.ts",
     "ui/theme.css",
+    "ui/messages.css",
     "editor/editor.css",
     "editor/tools.css",
     "space_editor/editor.css",

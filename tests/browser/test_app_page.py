@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.app_tab import PATIENCE, Tab, app_of_a_cube, wait_until
+from browser.hosts import box_at_rest
 from browser.studio_layout import GROUPS, choose, lasting_faults, tab_titles
 from numpy.typing import NDArray
 from running_app import RunningApp
@@ -495,11 +496,21 @@ def test_tabs_and_sections_are_used_by_keys_and_say_that_python_is_busy(browser:
 def test_the_status_line_has_room_for_its_advice_and_moves_nothing(browser: Any, fresh: RunningApp, width: int) -> None:
     tab = Tab(browser, fresh, size=(width, 760))
     page, seen = tab.page, set()
-    stage = page.locator(".dnb-ed-stage").first.bounding_box()
+
+    def add(what: str, region: dict[str, Any]) -> None:
+        page.evaluate(
+            """([what, region]) =>
+            document.querySelector('.dnb-editor').deformnb.parts.tools.shapes.add(what, region)""",
+            [what, region],
+        )
+
+    add("parts", {"kind": "polygon", "vertices": [[22, 20], [26, 20], [26, 24]]})
+    page.locator(".dnb-studio-start").wait_for(state="hidden")  # the examples go with the first edit
+    stage = box_at_rest(page.locator(".dnb-ed-stage").first)
 
     def look() -> None:
         page.evaluate("() => document.querySelector('.dnb-editor').deformnb.frames.drawNow()")
-        notes = page.locator(".dnb-ed-notes").first
+        notes = page.locator(".dnb-ed-status > .dnb-messages").first
         seen.add(notes.inner_text())
         assert notes.evaluate("(e) => e.scrollHeight <= e.clientHeight + 1"), notes.inner_text()
         assert page.locator(".dnb-ed-stage").first.bounding_box() == stage
@@ -515,11 +526,7 @@ def test_the_status_line_has_room_for_its_advice_and_moves_nothing(browser: Any,
             ("parts", {"kind": "half_space", "point": [4, 4], "normal": [0, -1]}),
             ("cuts", {"kind": "line", "vertices": [[6, 0], [6, 30]]}),
         ):
-            page.evaluate(
-                """([what, region]) =>
-                document.querySelector('.dnb-editor').deformnb.parts.tools.shapes.add(what, region)""",
-                [what, region],
-            )
+            add(what, region)
             look()
         assert len(seen) >= 9
         assert tab.errors == []

@@ -36,7 +36,7 @@ def stroke(page: EditorOnPage, places: Any) -> None:
 
 def use(page: EditorOnPage, tool: str) -> None:
     page.page.locator(f"[data-command={tool}]").click()
-    assert page.page.locator(f"[data-command={tool}]").get_attribute("aria-pressed") == "true"
+    page.page.locator(f"[data-command={tool}][aria-pressed=true]").wait_for()
 
 
 def test_a_stroke_along_what_is_bent_straightens_it_in_two_gestures(page: EditorOnPage) -> None:
@@ -142,8 +142,8 @@ def test_a_drag_of_one_side_of_a_cut_can_go_on_as_a_half(open_editor: Any, pictu
     page.wait_answered()
     k = page.js(f"{PAGE}.viewport.view.k")
     page.drag([60, 20], (-45 * k, 0), steps=6)
-    page.wait(f"!{PAGE}.tools.foldOffers.isTrying && !document.querySelector('.dnb-ed-fold-bar').hidden")
-    page.page.locator("[data-offer=rigid]").click()
+    page.wait(f"!{PAGE}.tools.foldOffers.isTrying && {PAGE}.tools.foldOffers.isShown")
+    page.page.locator("[data-action=rigid]").click()
     page.wait_answered()
     way = page.points.displacement[page.points.source[:, 0] < 70]
     assert way == pytest.approx(np.array([[45.0, 0.0]] * len(way)), abs=0.6)  # backward

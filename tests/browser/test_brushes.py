@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
+from browser.pane_messages import message_text
 from numpy.typing import NDArray
 
 from deformnb.rbf.points import ControlPoints
@@ -125,7 +126,7 @@ def test_strokes_over_one_place_do_not_pile_up_points(
         counts.append(len(page.points))
     assert counts[-1] - counts[0] <= 8
     assert nearest(page.points) > 0.2 * radius
-    assert page.page.locator("[role=alert]").is_hidden()
+    assert page.page.locator(".dnb-messages").get_attribute("data-kind") != "error"
     assert page.js(f"{PAGE}.map.folds.least") > 0
     page.page.keyboard.press("Escape")  # and they are points as all others
     last = page.points.ids[-1]
@@ -251,7 +252,7 @@ def test_a_locked_point_stays_under_a_brush(open_editor: Any, picture: Picture, 
     radius = brush(page, "s")
     stroke(page, points.target[4], points.target[4] + [0.4 * radius, 0])
     assert page.points == points.edit(4, locked=True)
-    assert "is locked" in page.page.locator(".dnb-ed-hint").inner_text()
+    assert "is locked" in message_text(page.page)
     stroke(page, points.target[4] + [0.8 * radius, 0], points.target[4] + [0.4 * radius, 0])
     assert len(page.points) > 5
     assert page.points.target[4].tolist() == points.target[4].tolist()

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
+from browser.pane_messages import message_text
 
 from deformnb.document.deformation import Deformation
 from deformnb.imaging.projection import project
@@ -327,15 +328,15 @@ def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(
         f"{PAGE}.tools.points.edit({PAGE}.points.list.map((p) => "
         f"p.id === 3 ? {{ ...p, target: [...{PAGE}.points.list[2].target] }} : p))"
     )
-    assert "point 3 and point 4 are at the same place" in page.page.locator("[role=alert]").inner_text()
+    assert "point 3 and point 4 are at the same place" in message_text(page.page)
     assert page.points == points
     page.editor.kernel = "thin_plate"
     page.editor.trend = "rigid"
     page.wait_settled()
-    assert "needs a trend of affine" in page.page.locator(".dnb-ed-notes").inner_text()
+    assert "needs a trend of affine" in message_text(page.page)
     page.editor.trend = "affine"
     page.wait_settled()
-    assert "needs" not in page.page.locator(".dnb-ed-notes").inner_text()
+    assert "needs" not in message_text(page.page)
 
 
 def test_remarks_and_folds_are_in_the_status_line(open_editor: Any, picture: Picture) -> None:
@@ -501,8 +502,8 @@ def test_a_broken_picture_is_said_and_the_points_still_work(
     editor = Editor(picture, points)
     page = open_editor(editor)
     editor.image = b"no picture"
-    page.wait("!document.querySelector('[role=alert]').hidden")
-    assert "could not be shown" in page.page.locator("[role=alert]").inner_text()
+    page.wait("document.querySelector('.dnb-messages').dataset.kind === 'error'")
+    assert "could not be shown" in message_text(page.page)
     page.drag(points.target[4], (20, 10))
     assert page.points != points
 
@@ -512,8 +513,8 @@ def test_an_error_in_a_callback_is_seen_in_the_page(open_editor: Any, picture: P
     editor.on_edit(lambda p, phase: 1 // 0)
     page = open_editor(editor)
     page.drag(points.target[4], (20, 10))
-    page.wait("!document.querySelector('[role=alert]').hidden")
-    assert "ZeroDivisionError in a callback" in page.page.locator("[role=alert]").inner_text()
+    page.wait("document.querySelector('.dnb-messages').dataset.kind === 'error'")
+    assert "ZeroDivisionError in a callback" in message_text(page.page)
 
 
 def test_points_that_are_only_shown_stay(open_editor: Any, picture: Picture, points: ControlPoints) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
+from browser.pane_messages import message_script, message_text
 from browser.test_editor_shapes import assert_as_the_core
 from browser.test_editor_touch import Fingers
 
@@ -86,7 +87,7 @@ def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(open_editor: 
     page.page.mouse.down()
     page.page.mouse.move(x + 40, y - 25, steps=4)
     page.wait(f"{PAGE}.map.layered.fit.rigid[0].back.isStill === false")
-    assert page.page.locator(".dnb-ed-hint").inner_text() == f"moved {40 / k:.1f}, {-25 / k:.1f}"
+    assert message_text(page.page) == f"moved {40 / k:.1f}, {-25 / k:.1f}"
     assert page.editor.parts == (BONE,)  # on its way it is no edit
     page.wait_answered()
     (on_the_way,) = moves[-1].with_part(page.editor.parts)
@@ -128,10 +129,10 @@ def test_a_ring_turns_a_part_about_its_pivot_which_can_be_dragged(open_editor: A
     np.testing.assert_allclose(part.pivot, (86, 34), atol=0.3)
     assert part.motion is None
     turn(page, 33)
-    page.wait("document.querySelector('.dnb-ed-hint').textContent.startsWith('turned 33')")
+    page.wait(f"{message_script()}.startsWith('turned 33')")
     page.page.keyboard.down("Shift")
     page.page.mouse.move(*handle(page, ".dnb-ed-part-knob"))
-    page.wait("document.querySelector('.dnb-ed-hint').textContent === 'turned 30\\u00b0'")
+    page.wait(f"{message_script()} === 'turned 30\\u00b0'")
     page.page.mouse.up()
     page.page.keyboard.up("Shift")
     page.wait_answered()
@@ -178,14 +179,14 @@ def test_a_part_alone_says_that_nothing_holds_the_rest(open_editor: Any, picture
     page = open_editor(Editor(picture, ControlPoints.empty(), parts=[BONE]))
     choose(page)
     page.drag(INSIDE, (30, 0))
-    assert "nothing holds the tissue around it" in page.page.locator(".dnb-ed-hint").inner_text()
+    assert "nothing holds the tissue around it" in message_text(page.page)
 
 
 def test_a_drag_of_a_part_stops_before_the_picture_folds(open_editor: Any, picture: Picture) -> None:
     page = open_editor(Editor(picture, frame().add([94.0, 25.0], [94.0, 25.0]), parts=[BONE], stop_at_folds=True))
     choose(page)
     turn(page, 75)
-    page.wait("document.querySelector('.dnb-ed-notes').textContent.startsWith('Stopped before tissue folds')")
+    page.wait(f"{message_script()}.startsWith('Stopped before tissue folds')")
     page.page.mouse.up()
     page.wait_answered()
     (part,) = page.editor.parts
@@ -294,11 +295,10 @@ def test_a_part_laid_over_points_asks_once_what_becomes_of_them(open_editor: Any
     page.drag(INSIDE, (26 * k, 0))
     page.wait_answered()
     assert (page.editor.parts, page.editor.points) == ((BONE,), points)  # until there is an answer
-    alert = page.page.locator(".dnb-ed-alert")
-    assert alert.inner_text().startswith("2 control points in this rigid part require another movement")
-    page.page.locator(f"[data-offer={how}]").click()
+    assert message_text(page.page).startswith("2 control points in this rigid part require another movement")
+    page.page.locator(f"[data-action={how}]").click()
     page.wait_answered()
-    assert alert.is_hidden()
+    assert "this rigid part" not in message_text(page.page)
     if how == "cancel":
         assert (page.editor.parts, page.editor.points) == ((BONE,), points)
         return
@@ -317,8 +317,8 @@ def test_parts_that_python_proposes_are_asked_about_in_the_same_way(open_editor:
     page = open_editor(Editor(picture, points, parts=[BONE]))
     moved = RigidPart(BONE.region, RigidMotion.turn(0, (0, 0), (24, 0)), name="bone")
     page.editor.propose([moved], "shift bone")
-    page.wait("!document.querySelector('.dnb-ed-alert').hidden")
-    assert "Point 5 in this rigid part requires another" in page.page.locator(".dnb-ed-alert").inner_text()
+    page.wait("document.querySelector('[data-action=off]')")
+    assert "Point 5 in this rigid part requires another" in message_text(page.page)
     page.page.get_by_role("button", name="Switch it off").click()
     page.wait_answered()
     assert page.editor.parts == (moved,)

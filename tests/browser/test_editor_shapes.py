@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
+from browser.pane_messages import message_text
 
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, Cut
@@ -231,7 +232,7 @@ def test_a_point_cannot_be_dragged_into_a_part(open_editor: Any, picture: Pictur
     page.page.mouse.move(*there, steps=4)
     page.wait_settled()
     assert page.js("document.querySelector('[data-id=\"1\"]').classList.contains('dnb-ed-locked')")
-    assert 'cannot go into the rigid part "bone"' in page.page.locator(".dnb-ed-hint").inner_text()
+    assert 'cannot go into the rigid part "bone"' in message_text(page.page)
     page.page.mouse.up()
     assert page.points.target[1] == pytest.approx([75, 25], abs=0.1)  # as far as it may go
     assert page.points.target[1][0] < 75
@@ -248,14 +249,20 @@ def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(
     page = open_editor(editor)
     draw(page, "p", corners)
     assert editor.parts == ()
-    said = page.page.locator(".dnb-ed-alert").inner_text()
-    assert "Point 2 in this rigid part requires another movement" in said
+    assert "Point 2 in this rigid part requires another movement" in message_text(page.page)
     page.wait("document.querySelector('.dnb-ed-draft').getAttribute('visibility') === 'visible'")  # the outline is kept
     page.page.keyboard.press("Escape")
     page.wait("document.querySelector('.dnb-ed-draft').getAttribute('visibility') === 'hidden'")
-    assert page.page.locator(".dnb-ed-offer").filter(visible=True).count() == 0
+    assert page.page.locator("[data-action]").count() == 0
     draw(page, "p", corners)
-    page.page.locator("[data-offer=carry]" if how == "carry" else "[data-offer=off]").click()
+    page.js(f"{{ {PAGE}.messages.show('It has failed'); }}")
+    assert message_text(page.page) == "It has failed"
+    page.page.get_by_role("button", name="Close this message").click()
+    assert "Point 2 in this rigid part requires another movement" in message_text(page.page)  # it waits for an answer
+    page.page.get_by_role("button", name="Close this message").click()
+    page.wait("document.querySelector('.dnb-ed-draft').getAttribute('visibility') === 'hidden'")
+    draw(page, "p", corners)
+    page.page.locator("[data-action=carry]" if how == "carry" else "[data-action=off]").click()
     page.wait_answered()
     np.testing.assert_allclose(editor.parts[0].region.vertices, corners, atol=0.1)
     part = RigidPart(Polygon(editor.parts[0].region.vertices))
@@ -365,12 +372,12 @@ def test_a_line_that_would_cross_itself_stays_as_it_was(open_editor: Any, pictur
     page = open_editor(Editor(picture, ControlPoints.empty(), cuts=[Cut(Line(start))]))
     page.page.mouse.click(*page.to_screen((50, 0)))
     page.drag((90, 70), (-50, -500))
-    assert "crosses itself" in page.page.locator(".dnb-ed-hint").inner_text()
+    assert "crosses itself" in message_text(page.page)
     page.wait_answered()
     Line(page.editor.cuts[0].region.vertices)
     page.page.keyboard.press("Escape")
     draw(page, "x", [(30, -10), (60, 60), (110, 0), (20, 20)])
-    assert "Draw it without a loop" in page.page.locator(".dnb-ed-alert").inner_text()
+    assert "Draw it without a loop" in message_text(page.page)
     assert len(page.editor.cuts) == 1
     assert page.js(f"{PAGE}.tools.pen.draft.places.length") == 4  # and can be mended
     page.page.keyboard.press("Backspace")
@@ -466,7 +473,7 @@ def test_shapes_that_python_refuses_go_back(open_editor: Any, picture: Picture) 
     page = open_editor(editor)
     draw(page, "x", [(71, -25), (71, 75)])
     page.wait(f"{PAGE}.points.shapes.cuts.length === 0")
-    assert "no cuts today." in page.page.locator(".dnb-ed-alert").inner_text()
+    assert "no cuts today." in message_text(page.page)
     assert editor.cuts == ()
 
 
@@ -528,7 +535,7 @@ def test_nothing_is_added_in_a_gap(open_editor: Any, picture: Picture) -> None:
     points = two_sides().move(0, [40, -10]).move(1, [35, 25]).move(2, [40, 60])
     page = open_editor(Editor(picture, points, cuts=[Cut(Line([(71, -40), (71, 90)]))]))
     page.page.mouse.dblclick(*page.to_screen((66, 20)))
-    assert "This is a gap" in page.page.locator(".dnb-ed-hint").inner_text()
+    assert "This is a gap" in message_text(page.page)
     page.page.mouse.dblclick(*page.to_screen((58, 20)))
     assert len(page.points) == 7
     assert page.points.source[6] == pytest.approx([68, 20], abs=0.3)

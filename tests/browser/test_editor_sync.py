@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
+from browser.pane_messages import message_script, message_text
 
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
 from deformnb.widgets.editor.editor import Editor
 
 pytestmark = pytest.mark.needs_browser
-
-TIP = ".dnb-ed-hint:not([hidden])"
 
 
 def pressed(page: EditorOnPage, place: Any, *ways: tuple[float, float]) -> None:
@@ -72,7 +71,7 @@ def test_python_owns_the_undo_where_it_says_so(open_editor: Any, picture: Pictur
     page.wait_answered()
     assert [kind for kind, _ in held.past] == ["move", "remove"]
     assert (button.get_attribute("title"), button.get_attribute("aria-label")) == ("Undo 2 back (Ctrl+Z)",) * 2
-    page.page.locator(".dnb-ed-notes").click()  # nothing there takes the focus by itself
+    page.page.locator(".dnb-messages-text").click()  # nothing there takes the focus by itself
     page.page.keyboard.press("Control+z")
     page.wait_answered()
     assert page.js(f"{PAGE}.points.list.length") == len(editor.points) == 5
@@ -194,8 +193,8 @@ def test_an_error_of_a_callback_is_seen_while_the_drag_goes_on(
     editor.on_edit(fail)
     page = open_editor(editor)
     pressed(page, points.target[4], (20, 10))
-    page.wait("!document.querySelector('[role=alert]').hidden")
-    assert "RuntimeError in a callback: no room on the card" in page.page.locator("[role=alert]").inner_text()
+    page.wait("document.querySelector('.dnb-messages').dataset.kind === 'error'")
+    assert "RuntimeError in a callback: no room on the card" in message_text(page.page)
     x, y = page.to_screen(points.target[4])
     page.page.mouse.move(x + 50, y - 30, steps=5)
     page.page.mouse.up()
@@ -228,9 +227,9 @@ def test_a_busy_kernel_is_said_until_it_answers(open_editor: Any, picture: Pictu
     page.wait(f"{PAGE}.sender.channel.isAnswered")
     pressed(page, points.target[4], (20, 10))
     page.page.mouse.up()  # the answer stays in the outbox
-    page.page.wait_for_selector(TIP, timeout=60_000)
-    assert page.page.locator(TIP).inner_text() == "The kernel is busy; the volume in Python follows later"
-    page.wait("document.querySelector('.dnb-ed-hint').hidden")
+    is_said = f"{message_script()}.startsWith('The kernel is busy; the volume in Python follows later')"
+    page.page.wait_for_function(is_said, timeout=60_000)
+    page.wait(f"!{is_said}")
     page.drag(points.target[1], (10, 5))
     assert (page.points.target[:2] != points.target[:2]).any(axis=1).all()
 
@@ -240,11 +239,14 @@ def test_edits_that_cannot_be_sent_stay_and_are_said(open_editor: Any, picture: 
     page.js("{ models.editor.send = () => { throw new Error('Cannot send'); }; }")
     pressed(page, points.target[4], (20, 10))
     page.page.mouse.up()
-    page.page.wait_for_selector(TIP)
-    assert page.page.locator(TIP).inner_text().startswith("The kernel was restarted or is gone")
+    page.page.wait_for_function(f"{message_script()}.startsWith('The kernel was restarted or is gone')")
     assert page.js(f"{PAGE}.points.list[4].target[0]") != 70
     assert page.editor.points == points
     assert all("could not be sent" in error for error in page.errors)
+    page.js(f"{{ {PAGE}.messages.hint('Drag a disc'); }}")  # which passes
+    assert message_text(page.page).startswith("The kernel was restarted or is gone")
+    page.page.get_by_role("button", name="Next message").click()
+    assert message_text(page.page) == "Drag a disc"
     page.errors.clear()
 
 

@@ -9,6 +9,7 @@ import pytest
 from browser.editor_page import PAGE, EditorOnPage
 from browser.hosts import box_at_rest
 from browser.live_page import LivePage
+from browser.pane_messages import message_text
 from browser.test_space_editor_page import PAGE as SPACE
 from browser.test_space_editor_page import Opened, waves
 
@@ -20,8 +21,6 @@ from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
 
 pytestmark = pytest.mark.needs_browser
-
-HINT = "(document.querySelector('.dnb-ed-hint:not([hidden])')?.textContent ?? '')"
 
 
 class Fingers:
@@ -106,7 +105,7 @@ def test_a_finger_scrolls_the_page_until_someone_works_in_the_editor(
     page.js("scrollTo(0, 0)")
     fingers.drag(place, (60, 0))  # across, which scrolls nothing
     assert page.js(f"({{...{PAGE}.viewport.view}})") == view
-    assert page.js(HINT) == "Tap the picture first, then a finger moves it"
+    assert message_text(page.page) == "Tap the picture first, then a finger moves it"
     fingers.tap(place)
     page.wait("document.activeElement.className === 'dnb-ed-stage'")
     fingers.swipe(place, (0, -60))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
+from browser.pane_messages import message_text
 
 from deformnb.document.json_regions import region_to_data
 from deformnb.rbf.points import ControlPoints
@@ -49,7 +50,7 @@ def test_a_drag_with_the_right_button_changes_the_window_at_once_and_python_hear
     page.wait(f"{PAGE}.model.get('window').length === 2")
     assert page.canvas().mean() < bright - 5  # before Python hears of it
     assert page.editor.window == []
-    told = page.page.locator(".dnb-ed-hint").inner_text()
+    told = message_text(page.page)
     assert told.startswith("window ")
     assert told.endswith("HU") == (factor != 1.0)
     mouse.up(button="right")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
+from browser.pane_messages import message_script, message_text
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
@@ -231,7 +232,7 @@ def test_a_locked_point_does_not_move_by_any_hand(open_editor: Any, picture: Pic
         page.page.keyboard.press(key)
     page.page.mouse.click(*page.to_screen(points.target[4]), button="right")
     assert page.points == locked
-    assert "is locked" in page.page.locator(".dnb-ed-hint").inner_text()
+    assert "is locked" in message_text(page.page)
     page.page.keyboard.press("Control+a")
     page.page.keyboard.press("ArrowRight")
     du = picture.raster.spacing[0]
@@ -308,7 +309,7 @@ def test_points_stop_before_the_picture_folds(open_editor: Any, picture: Picture
     far = np.array(page.to_screen([70, 25]))
     page.drag([70, 25], (330, 60), steps=12)
     stopped = page.points.target[4]
-    status = page.page.locator(".dnb-ed-notes").inner_text()
+    status = message_text(page.page)
     assert status.startswith("Stopped before tissue folds")
     assert 0.04 < page.js(f"{PAGE}.map.folds.least") < 0.12
     way = np.array(page.to_screen(stopped)) - far
@@ -320,7 +321,7 @@ def test_points_stop_before_the_picture_folds(open_editor: Any, picture: Picture
     assert not editor.stop_at_folds
     page.drag(stopped, (330 - way[0], 60 - way[1]), steps=6)
     assert page.js(f"{PAGE}.map.folds.least") < 0
-    assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
+    assert "Stopped" not in message_text(page.page)
 
 
 def test_arrow_keys_stop_before_the_picture_folds(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
@@ -331,12 +332,12 @@ def test_arrow_keys_stop_before_the_picture_folds(open_editor: Any, picture: Pic
     page.wait_answered()
     stopped = page.points.target[4]
     assert 0.04 < page.js(f"{PAGE}.map.folds.least") < 0.12
-    assert page.page.locator(".dnb-ed-notes").inner_text().startswith("Stopped before tissue folds")
+    assert message_text(page.page).startswith("Stopped before tissue folds")
     page.page.keyboard.press("ArrowLeft")  # back is free
     page.wait_answered()
     step = page.editor.picture.raster.spacing[0]
     assert page.points.target[4] == pytest.approx(stopped - [step, 0], abs=1e-6)
-    assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
+    assert "Stopped" not in message_text(page.page)
     page.page.keyboard.press("t")
     for _ in range(30):
         page.page.keyboard.press("Shift+ArrowRight")
@@ -363,7 +364,7 @@ def test_a_drop_keeps_the_fit_of_the_last_move(
 def test_folds_in_air_stop_no_drag(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     page = open_editor(Editor(picture, points, stop_at_folds=True, air=float(picture.values.max())))  # nothing but air
     page.drag([70, 25], (330, 60), steps=12)
-    assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
+    assert "Stopped" not in message_text(page.page)
     assert page.js(f"{PAGE}.map.folds.air") > 0
     assert np.array(page.to_screen(page.points.target[4])) - page.to_screen([70, 25]) == pytest.approx([330, 60], abs=1)
 
@@ -381,10 +382,10 @@ def test_what_is_folded_already_can_be_moved_back(open_editor: Any, picture: Pic
 
 
 def offers(page: EditorOnPage) -> dict[str, str]:
-    """The buttons of the bar that says where a drag was stopped, and their words."""
-    page.wait(f"!{PAGE}.tools.foldOffers.isTrying && !document.querySelector('.dnb-ed-fold-bar').hidden")
-    found = page.page.locator(".dnb-ed-fold-bar [data-offer]")
-    return {found.nth(k).get_attribute("data-offer"): found.nth(k).inner_text() for k in range(found.count())}
+    """The buttons of the message that says where a drag was stopped, and their words."""
+    page.wait(f"!{PAGE}.tools.foldOffers.isTrying && {PAGE}.tools.foldOffers.isShown")
+    found = page.page.locator("[data-action]")
+    return {found.nth(k).get_attribute("data-action"): found.nth(k).inner_text() for k in range(found.count())}
 
 
 def assert_same_places(found: ControlPoints, expected: ControlPoints) -> None:
@@ -405,17 +406,17 @@ def test_each_way_that_is_offered_goes_on_to_the_pointer_as_one_step(open_editor
     share = float(np.linalg.norm(stopped.target[5] - start.target[5]) / np.linalg.norm(way))
     assert 0.05 < share < 0.9
     found = offers(page)
-    words = page.page.locator(".dnb-ed-fold-bar").inner_text()
+    words = message_text(page.page)
     assert f"Stopped before tissue folds, at {100 * share:.0f} % of the drag" in words
     assert {"stages", "points"} <= set(found)
     for name, text in found.items():
-        page.page.locator(f"[data-offer={name}]").click()
+        page.page.locator(f"[data-action={name}]").click()
         page.wait_answered()
         far = float((page.points.target[5] - start.target[5]) @ way / (way @ way))
         assert far > share + 0.04
         assert far == pytest.approx(float(text.split(":")[1].strip(" %")) / 100 if ":" in text else 1.0, abs=0.01)
         assert page.js(f"{PAGE}.map.folds.least") > 0
-        assert page.page.locator(".dnb-ed-fold-bar").is_hidden()
+        assert "Stopped" not in message_text(page.page)
         page.page.locator(".dnb-ed-stage").focus()
         page.page.keyboard.press("Control+z")
         page.wait_answered()
@@ -430,6 +431,42 @@ def test_each_way_that_is_offered_goes_on_to_the_pointer_as_one_step(open_editor
         assert offers(page) == found
 
 
+@pytest.mark.parametrize("is_offered", [False, True])
+@pytest.mark.parametrize("end", ["Control+z", "t", "support"])
+def test_what_is_said_of_a_stopped_drag_goes_with_what_it_is_about(
+    open_editor: Any, picture: Picture, points: ControlPoints, end: str, is_offered: bool
+) -> None:
+    page = open_editor(Editor(picture, points, support=60.0))
+    page.drag([70, 25], (330, 60), steps=12)
+    if is_offered:
+        offers(page)
+    assert message_text(page.page).startswith("Stopped before tissue folds")
+    if end == "support":
+        page.editor.support = 90.0
+    else:
+        page.page.keyboard.press(end)
+    page.wait(f"!{PAGE}.tools.foldOffers.isTrying")
+    page.wait_settled()
+    assert "Stopped" not in message_text(page.page)
+    assert page.page.locator("[data-action]").count() == 0
+
+
+def test_a_stopped_drag_that_is_given_up_leaves_no_word(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points))
+    x, y = page.to_screen([70, 25])
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x + 330, y + 60, steps=6)
+    page.wait(f"{message_script()}.startsWith('Stopped before tissue folds')")
+    page.page.keyboard.press("Escape")
+    page.wait_settled()
+    assert "Stopped" not in message_text(page.page)
+    page.page.mouse.up()
+    assert page.points == points
+
+
 def test_only_what_gets_further_is_offered(open_editor: Any, picture: Picture) -> None:
     locked = ControlPoints.from_arrays([[60, 20], [64, 20], [56, 20]])
     locked = locked.edit(1, locked=True).edit(2, locked=True)
@@ -437,14 +474,14 @@ def test_only_what_gets_further_is_offered(open_editor: Any, picture: Picture) -
     k = page.js(f"{PAGE}.viewport.view.k")
     page.drag([60, 20], (10 * k, 0))  # through a point that is held, in as many stages as there are
     assert offers(page) == {}
-    assert "hold fewer points" in page.page.locator(".dnb-ed-fold-bar").inner_text()
+    assert "hold fewer points" in message_text(page.page)
     page.page.keyboard.press("Escape")
 
 
 def test_a_drag_that_is_not_stopped_offers_nothing(open_editor: Any, picture: Picture, points: ControlPoints) -> None:
     page = open_editor(Editor(picture, points))
     page.drag(points.target[4], (9, 5))
-    assert page.page.locator(".dnb-ed-fold-bar").is_hidden()
+    assert "Stopped" not in message_text(page.page)
     assert not page.js(f"{PAGE}.tools.foldOffers.isTrying")
 
 
@@ -455,7 +492,7 @@ def test_tissue_at_another_depth_stops_a_drag_on_a_slice(
     behind = Mask(np.ones(picture.raster.shape, bool), picture.raster)
     page = open_editor(Editor(picture, points, air=air, tissue=region_to_data(behind)))
     page.drag([70, 25], (330, 60), steps=12)
-    assert page.page.locator(".dnb-ed-notes").inner_text().startswith("Stopped before tissue folds")
+    assert message_text(page.page).startswith("Stopped before tissue folds")
     page.page.keyboard.press("Control+z")
     page.editor.tissue = region_to_data(Mask(~behind.values, picture.raster))
     page.wait_settled()

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from browser.pane_messages import message_script, message_text
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.imaging.projection import project
@@ -164,7 +165,7 @@ def test_an_earlier_cut_and_one_in_space_are_as_sharp(drawn: tuple[LivePage, Liv
         view.set_camera(direction)
         live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
         assert dice(live, still) > 0.965, direction
-    assert page.page.text_content(".dnb-messages-text") == ""
+    assert message_text(page.page) == ""
     assert page.errors == []
 
 
@@ -181,8 +182,8 @@ def test_an_earlier_cut_that_is_closed_is_not_seen(page: LivePage) -> None:
         assert np.abs(page.pixels().astype(int) - plain).mean() < 0.6
     later = Deformation((pulled(5.0), pulled(3.0, plane=Plane.from_view(GRID, "-z")), bend))
     view.show_deformation(later)
-    page.wait("document.querySelector('.dnb-messages-text').textContent")
-    assert page.page.text_content(".dnb-messages-text") == "cuts of the first steps are shown roughly"
+    page.wait(message_script())
+    assert message_text(page.page) == "cuts of the first steps are shown roughly"
     assert page.errors == []
 
 

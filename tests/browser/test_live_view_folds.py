@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from browser.pane_messages import message_text
 from numpy.typing import NDArray
 
 from deformnb.analysis.folds import jacobian_determinant
@@ -100,7 +101,7 @@ def test_what_folds_is_red_at_its_place(page: LivePage, projection: str) -> None
     assert (det <= 0)[seen].sum() > 500
     sure = seen & (np.abs(det) > 0.08)
     assert (painted == (det <= 0))[sure].mean() > 0.985
-    assert "red" in page.page.locator(".dnb-messages-text").inner_text()
+    assert "red" in message_text(page.page)
     assert page.errors == []
 
 
@@ -112,7 +113,7 @@ def test_what_does_not_fold_has_no_red_and_no_cost(page: LivePage) -> None:
     assert expected(page, deformation)[tissue_mask(page)].min() > 0
     programs = page.page.evaluate("() => Object.keys(document.querySelector('.dnb-view').deformnb.caster.gpu.programs)")
     assert not any("FOLDS" in name for name in programs)
-    assert page.page.locator(".dnb-messages-text").inner_text() == ""
+    assert message_text(page.page) == ""
 
 
 def test_the_trait_switches_it_off_and_on(page: LivePage) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from browser.pane_messages import message_script, message_text
 from PIL import Image
 
 from deformnb.analysis.extent import padded
@@ -355,9 +356,7 @@ def test_a_volume_that_the_card_does_not_hold_is_shown_with_fewer_voxels(browser
     page.page.evaluate(SCARCE, size**3 // 4)
     view = open_view(page, volume)
     assert int(np.prod(view.volume_info["shape"])) == size**3 // 4
-    assert page.page.text_content(".dnb-messages-text") == (
-        "shown at 1/2 along x, 1/2 along y, as much as the graphics memory holds"
-    )
+    assert message_text(page.page) == ("shown at 1/2 along x, 1/2 along y, as much as the graphics memory holds")
     view.set_camera((0, 1, 0))
     assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.96
     assert page.page.is_hidden(".dnb-progress")
@@ -370,7 +369,7 @@ def test_a_card_that_holds_nothing_says_so(browser: Any) -> None:
     page = LivePage(browser)
     page.page.evaluate(SCARCE, 10)
     page.add(LiveView(Volume(np.zeros((40, 40, 40), np.uint8), Grid((40, 40, 40)))))
-    page.wait("document.querySelector('.dnb-messages-text').textContent.includes('graphics memory does not hold')")
+    page.wait(f"{message_script()}.includes('graphics memory does not hold')")
     page.close()
 
 
@@ -532,7 +531,7 @@ def test_a_narrow_transfer_function_is_seen_without_bands(page: LivePage) -> Non
     fine = page.pixels()
     assert unevenness(fine) < 0.4 * unevenness(banded)
     assert np.abs(fine[70:110, 70:170].astype(int) - banded[70:110, 70:170]).mean() < 8  # the same picture otherwise
-    assert page.page.text_content(".dnb-messages-text").startswith("finer greys from ")
+    assert message_text(page.page).startswith("finer greys from ")
     assert page.errors == []
 
 

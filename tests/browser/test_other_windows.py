@@ -7,12 +7,13 @@ from typing import Any
 import pytest
 from browser.app_tab import PATIENCE, Tab
 from browser.hosts import box_at_rest
+from browser.pane_messages import message_script
 from running_app import RunningApp
 
 pytestmark = pytest.mark.needs_browser
 
 OTHERS = "document.querySelector('.dnb-editor').deformnb.parts.tools.others.others"
-HINT = "document.querySelector('.dnb-ed-hint:not([hidden])')?.textContent ?? ''"
+MESSAGE = message_script(".dnb-editor")
 POINTS = "document.querySelector('.dnb-editor').deformnb.parts.points.list"
 
 
@@ -61,10 +62,10 @@ def test_two_windows_see_each_other_and_lose_no_drag_in_silence(browser: Any, ap
     press(one, (12.0, 12.0), (16.0, 15.0))
     two.page.wait_for_function(f"[...{OTHERS}.values()][0].drags.length === 1", timeout=PATIENCE)
     press(two, (12.0, 12.0), (8.0, 8.0))
-    two.page.wait_for_function(f"({HINT}).endsWith('is being moved in another window')", timeout=PATIENCE)
+    two.page.wait_for_function(f"{MESSAGE}.endsWith('is being moved in another window')", timeout=PATIENCE)
     two.page.mouse.up()
     one.page.mouse.up()
-    two.page.wait_for_function(f"({HINT}).endsWith(' was moved in another window')", timeout=PATIENCE)
+    two.page.wait_for_function(f"{MESSAGE}.endsWith(' was moved in another window')", timeout=PATIENCE)
     for tab in (one, two):
         tab.wait_for_points(5, 1)
     assert two.page.evaluate(f"{POINTS}[4].target") == pytest.approx([16.0, 15.0], abs=0.6)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.hosts import Lab, box_at_rest
+from browser.pane_messages import message_script, message_text
 from browser.test_editor_touch import Fingers
 from browser.test_standalone_page import EDITOR, MODELS, Opened
 from waiting import PATIENCE
@@ -130,8 +131,8 @@ def check_on_phone(browser: Any, path: Path, count: int) -> None:
         )
         phone.wait_settled()
         phone.volume()
-        phone.wait("document.querySelector('.dnb-messages-text').textContent")
-        assert "Tissue leaves the box" in phone.page.locator(".dnb-messages-text").text_content()
+        phone.wait(message_script(".dnb-view-pane"))
+        assert "Tissue leaves the box" in message_text(phone.page, ".dnb-view-pane")
         assert phone.errors == []
         assert {url.split(":")[0] for url in phone.requests} <= {"file", "blob", "data"}
     finally:

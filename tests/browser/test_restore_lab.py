@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from browser.hosts import SMALL_STUDIO, Lab, box_at_rest
+from browser.pane_messages import message_script
 
 pytestmark = pytest.mark.needs_browser
 
@@ -37,9 +38,7 @@ def test_a_view_that_was_loaded_too_slowly_says_so_when_it_opens(lab: Lab, brows
     page.add_init_script("""const timeout = AbortSignal.timeout;
         AbortSignal.timeout = (ms) => timeout(ms === 2000 ? 0 : ms);""")
     lab.open_notebook(page, [SMALL_STUDIO], "slow.ipynb")
-    page.wait_for_function(
-        "document.querySelector('.dnb-ed-hint')?.textContent.endsWith('run the cell again')", timeout=60_000
-    )
+    page.wait_for_function(f"{message_script('.dnb-editor')}.endsWith('run the cell again')", timeout=60_000)
     page.close()
 
 

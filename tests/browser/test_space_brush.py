@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from browser.pane_messages import message_script
 from browser.test_space_editor_page import PAGE, Opened, waves
 from browser.test_space_hand import AXIAL, CORONAL, MIDDLE, mirrored, press
 from browser.test_space_points_page import POINTS, ball
@@ -154,7 +155,7 @@ def test_a_stroke_stops_before_tissue_folds(open_editor: Any) -> None:
     space.mouse.down()
     for k in range(1, 30):
         space.mouse.move(x + 0.8 * k * space.scale(AXIAL), y)
-    space.page.wait("document.querySelector('.dnb-ed-notes').textContent.startsWith('The brush stops before')")
+    space.page.wait(f"{message_script()}.startsWith('The brush stops before')")
     space.mouse.up()
     space.wait_settled()
     assert slice_folds(fit_rbf(space.editor.points, support=40.0), waves().grid).least > 0

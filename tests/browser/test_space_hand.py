@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from browser.app_tab import wait_until
 from browser.live_page import LivePage
+from browser.pane_messages import message_script, message_text
 from browser.test_hand import assert_same_places
 from browser.test_space_editor_page import PAGE, Opened, waves
 from numpy.typing import NDArray
@@ -130,7 +131,7 @@ def test_the_round_arrow_turns_and_one_point_is_refused(open_editor: Any, pairs:
     assert not marks.first.is_visible()
     press(space, ".")
     assert space.editor.points == pairs
-    assert "two points or more" in space.page.page.locator(".dnb-ed-hint").inner_text()
+    assert "two points or more" in message_text(space.page.page)
 
 
 def test_the_menu_has_them_all(open_editor: Any, pairs: ControlPoints) -> None:
@@ -311,8 +312,7 @@ def test_a_drag_stops_before_tissue_folds_until_the_button_lets_it(open_editor: 
     space.mouse.move(x, y)
     space.mouse.down()
     space.mouse.move(x + by[0], y + by[1], steps=8)
-    said = space.page.page.locator(".dnb-ed-notes")
-    space.page.wait("document.querySelector('.dnb-ed-notes').textContent.startsWith('Stopped before tissue folds')")
+    space.page.wait(f"{message_script()}.startsWith('Stopped before tissue folds')")
     held = space.js(f"{PAGE}.parts.points.withId(8).target")  # while the button is down
     assert 2 < held[0] - middle[0] < 20
     space.mouse.up()
@@ -328,7 +328,7 @@ def test_a_drag_stops_before_tissue_folds_until_the_button_lets_it(open_editor: 
     assert not space.editor.stop_at_folds
     space.drag(AXIAL, stopped.target[8], tuple(by * (1 - way[0])))
     assert least(space.editor.points) < 0
-    assert "Stopped" not in said.inner_text()
+    assert "Stopped" not in message_text(space.page.page)
     assert "folds" in space.page.page.locator(".dnb-ed-folds").inner_text()
 
 
@@ -341,18 +341,18 @@ def test_keys_stop_before_tissue_folds(open_editor: Any, caged: ControlPoints) -
     moved = space.editor.points.target[8] - caged.target[8]
     assert 2 < moved[0] < 20
     assert 0 < least(space.editor.points) < 0.25
-    assert "Stopped before tissue folds" in space.page.page.locator(".dnb-ed-notes").inner_text()
+    assert "Stopped before tissue folds" in message_text(space.page.page)
     press(space, "Shift+ArrowLeft")  # back is free
     assert space.editor.points.target[8][0] == pytest.approx(caged.target[8][0] + moved[0] - 10, abs=1e-6)
-    assert "Stopped" not in space.page.page.locator(".dnb-ed-notes").inner_text()
+    assert "Stopped" not in message_text(space.page.page)
 
 
 def offers(space: Opened) -> dict[str, str]:
-    """The buttons of the bar that says where a drag was stopped, and their words."""
+    """The buttons of the message that says where a drag was stopped, and their words."""
     offered = f"{PAGE}.parts.foldOffers"
-    space.page.wait(f"!{offered}.isTrying && !document.querySelector('.dnb-ed-fold-bar').hidden")
-    found = space.page.page.locator(".dnb-ed-fold-bar [data-offer]")
-    return {found.nth(k).get_attribute("data-offer"): found.nth(k).inner_text() for k in range(found.count())}
+    space.page.wait(f"!{offered}.isTrying && {offered}.isShown")
+    found = space.page.page.locator("[data-action]")
+    return {found.nth(k).get_attribute("data-action"): found.nth(k).inner_text() for k in range(found.count())}
 
 
 def test_each_way_that_is_offered_goes_on_to_the_pointer_as_one_step(open_editor: Any, caged: ControlPoints) -> None:
@@ -365,11 +365,11 @@ def test_each_way_that_is_offered_goes_on_to_the_pointer_as_one_step(open_editor
     stopped = space.editor.points
     share = float(np.linalg.norm((stopped.target - caged.target)[8]) / np.linalg.norm(way))
     found = offers(space)
-    words = space.page.page.locator(".dnb-ed-fold-bar").inner_text()
+    words = message_text(space.page.page)
     assert f"Stopped before tissue folds, at {100 * share:.0f} % of the drag" in words
     assert set(found) == {"support", "stages", "points"}
     for name, text in found.items():
-        space.page.page.locator(f"[data-offer={name}]").click()
+        space.page.page.locator(f"[data-action={name}]").click()
         space.wait_settled()
         after, settings = space.editor.points, space.editor.settings
         far = float((after.target[8] - caged.target[8])[:2] @ way / (way @ way))
@@ -378,7 +378,7 @@ def test_each_way_that_is_offered_goes_on_to_the_pointer_as_one_step(open_editor
         step = space.editor.step()
         assert (step.support, step.stages) == (settings.support, settings.stages)
         assert slice_folds(step.field(waves().grid), waves().grid).least > 0
-        assert space.page.page.locator(".dnb-ed-fold-bar").is_hidden()
+        assert "Stopped" not in message_text(space.page.page)
         press(space, "Control+z")
         assert_same_places(space.editor.points, stopped)
         assert (space.editor.settings.stages, space.editor.settings.support) == (1, 25.0)
@@ -387,8 +387,14 @@ def test_each_way_that_is_offered_goes_on_to_the_pointer_as_one_step(open_editor
         space.drag(AXIAL, caged.target[8], by)
         assert_same_places(space.editor.points, stopped)
         assert offers(space) == found
-    space.page.page.get_by_label("Leave it there").click()
-    assert space.page.page.locator(".dnb-ed-fold-bar").is_hidden()
+    space.page.page.get_by_label("Close this message").click()
+    assert "Stopped" not in message_text(space.page.page)
+    press(space, "Control+z")
+    space.drag(AXIAL, caged.target[8], by)
+    assert offers(space) == found
+    press(space, "Control+z")
+    assert "Stopped" not in message_text(space.page.page)
+    assert_same_places(space.editor.points, caged)
 
 
 def test_folds_in_air_stop_no_drag(open_editor: Any, caged: ControlPoints) -> None:
@@ -397,7 +403,7 @@ def test_folds_in_air_stop_no_drag(open_editor: Any, caged: ControlPoints) -> No
     space.wait_settled()
     space.drag(AXIAL, caged.target[8], tuple(np.array([22.0, 6.0]) * space.scale(AXIAL)))
     assert least(space.editor.points) < 0
-    assert "Stopped" not in space.page.page.locator(".dnb-ed-notes").inner_text()
+    assert "Stopped" not in message_text(space.page.page)
 
 
 def test_a_map_of_more_than_the_points_is_left_to_python(open_editor: Any, caged: ControlPoints) -> None:

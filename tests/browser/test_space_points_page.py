@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from browser.pane_messages import message_script, message_text
 
 from deformnb.imaging.picking import surface_point
 from deformnb.imaging.projection import project
@@ -201,8 +202,8 @@ def test_a_double_click_puts_a_point_on_the_front_of_the_body(show_points: Any, 
     np.testing.assert_array_equal(here.editor.points.source[0], target)
     before, camera = here.editor.points, page.page.evaluate(CAMERA)
     here.mouse.dblclick(12, 12)  # beside the body
-    page.wait("document.querySelector('.dnb-messages-text').textContent")
-    assert "Nothing is seen there" in page.page.locator(".dnb-messages-text").inner_text()
+    page.wait(message_script())
+    assert "Nothing is seen there" in message_text(page.page)
     here.wait_settled()
     assert here.editor.points == before
     assert page.page.evaluate(CAMERA) == camera  # a double click never turns it

@@ -12,6 +12,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from browser.pane_messages import message_text
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -239,9 +240,9 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(open_page: Callable[
     names = exceeded_sides(reached_places(find_foreground(bar_with_a_ball()), far), FINE)
     assert len(names) == 2
     page.js(f"{MODELS}.warn({SIDES})")
-    assert page.page.locator(".dnb-messages-text").text_content() == cut_off_text(names)
+    assert message_text(page.page, ".dnb-view-pane") == cut_off_text(names)
     page.js(f"{MODELS}.warn([])")
-    assert page.page.locator(".dnb-messages-text").is_hidden()
+    assert message_text(page.page, ".dnb-view-pane") == ""
 
 
 def test_the_volume_follows_while_the_mouse_is_down(open_page: Callable[..., Opened]) -> None:

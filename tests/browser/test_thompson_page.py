@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import EditorOnPage
+from browser.pane_messages import message_script, message_text
 
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
@@ -178,7 +179,7 @@ def test_magnified_zero_times_nothing_is_dragged_and_it_is_said_why(three: Edito
     three.wait_settled()
     drag_node(three, 17, (24, -10), 2)
     assert len(three.points) == 5
-    assert "magnified 0 times" in three.page.locator(".dnb-th-after .dnb-ed-hint").inner_text()
+    assert "magnified 0 times" in message_text(three.page, ".dnb-th-after")
 
 
 def test_extrapolation_that_folds_is_warned_of(three: EditorOnPage) -> None:
@@ -188,10 +189,7 @@ def test_extrapolation_that_folds_is_warned_of(three: EditorOnPage) -> None:
     three.wait(f"{VIEWS}[2].map.folds && {VIEWS}[2].map.folds.least <= 0")
     three.wait_settled()
     three.js(f"{VIEWS}[2].points.select([])")
-    three.wait(
-        "document.querySelector('.dnb-th-after .dnb-ed-notes').textContent === "
-        "'Magnified 3 times the map folds: magnify less'"
-    )
+    three.wait(f"{message_script('.dnb-th-after')} === 'Magnified 3 times the map folds: magnify less'")
     assert "folds" in three.page.locator(".dnb-th-after .dnb-ed-folds").inner_text()
 
 

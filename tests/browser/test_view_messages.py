@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from browser.app_tab import PATIENCE
 from browser.live_page import LivePage
+from browser.pane_messages import message_script, message_text
 from running_app import RunningApp
 
 from deformnb.volume.volume import Grid, Volume
@@ -17,6 +18,7 @@ from deformnb.widgets.view.live_view import LiveView
 pytestmark = pytest.mark.needs_browser
 
 MESSAGES = "document.querySelector('.dnb-view').deformnb.elements.messages"
+EDITOR = "document.querySelector('.dnb-pane-picture .dnb-editor').deformnb"
 LONG = "a message that is much longer than the row is wide " * 6
 
 
@@ -31,10 +33,6 @@ def view_page(page: LivePage) -> Any:
     page.wait_loaded()
     assert message_text(page.page) == ""
     return page.page
-
-
-def message_text(page: Any) -> str:
-    return str(page.locator(".dnb-messages-text").inner_text())
 
 
 def test_the_most_dangerous_comes_first_and_a_button_shows_the_next(view_page: Any) -> None:
@@ -127,17 +125,36 @@ def test_a_studio_shows_one_message_of_all_beside_the_object(studio_page: Any, a
     start.wait_for()
 
 
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_message_of_the_editor_is_whole_below_its_picture(studio_page: Any, width: int) -> None:
+    page = studio_page
+    page.set_viewport_size({"width": width, "height": 800})
+    page.evaluate(f"""() => {EDITOR}.messages.set("a", "{LONG}", {{ kind: "warning",
+        actions: [{{ name: "one", text: "Larger support", act() {{}} }}] }})""")
+    page.wait_for_function("""() => { const status = document.querySelector(".dnb-pane-picture .dnb-ed-status"),
+        stage = document.querySelector(".dnb-pane-picture .dnb-ed-stage");
+        return status.scrollHeight <= status.clientHeight + 1
+          && status.getBoundingClientRect().top >= stage.getBoundingClientRect().bottom - 1; }""")
+    row, text, action, close = (
+        page.locator(f".dnb-pane-picture {part}").bounding_box()
+        for part in (".dnb-messages", ".dnb-messages-text", "[data-action=one]", ".dnb-messages-close")
+    )
+    assert text["height"] > 34
+    assert action["y"] >= text["y"] + text["height"] - 4 or action["x"] >= text["x"] + text["width"]
+    assert action["y"] + action["height"] <= row["y"] + row["height"]
+    assert close["x"] >= max(text["x"] + text["width"], action["x"] + action["width"])
+    page.evaluate(f"""() => {EDITOR}.messages.set("a", "")""")
+
+
 @pytest.mark.parametrize("width", [1280, 900])
 def test_advice_of_two_lines_leaves_the_panes_as_they_are(studio_page: Any, width: int) -> None:
     page = studio_page
     page.set_viewport_size({"width": width, "height": 800})
-    canvas, notes = page.locator(".dnb-canvas"), page.locator(".dnb-pane-picture .dnb-ed-notes")
+    canvas, notes = page.locator(".dnb-canvas"), page.locator(".dnb-pane-picture .dnb-messages")
     before = canvas.bounding_box()
     page.locator(".dnb-pane-picture .dnb-ed-stage").focus()
     page.keyboard.press("Control+a")
-    page.wait_for_function(
-        "() => document.querySelector('.dnb-pane-picture .dnb-ed-notes').textContent.startsWith('Arrows')"
-    )
+    page.wait_for_function(f"{message_script('.dnb-pane-picture')}.startsWith('Arrows')")
     assert notes.bounding_box()["height"] == 34  # two lines
     assert canvas.bounding_box() == before
     assert page.evaluate("""() => { const status = document.querySelector(".dnb-pane-picture .dnb-ed-status");

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from browser.pane_messages import message_text
 from PIL import Image
 
 from deformnb.volume.volume import Grid, Volume
@@ -118,8 +119,8 @@ def test_where_nothing_comes_the_page_says_so_and_can_be_asked_to_try_again(brow
     page = LivePage(browser, init=HASTE)
     is_open: list[bool] = []
     view = sent(page, lambda content, buffers: buffers if is_open else None)
-    page.wait("!document.querySelector('.dnb-messages-action').hidden")
-    assert "Is the kernel running?" in page.page.text_content(".dnb-messages-text")
+    page.wait("document.querySelector('.dnb-messages-action')")
+    assert "Is the kernel running?" in message_text(page.page)
     assert page.page.is_visible(".dnb-progress")
     is_open.append(True)
     page.page.focus(".dnb-messages-action")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from browser.pane_messages import message_text
 from PIL import Image
 
 from deformnb.document.deformation import Deformation
@@ -168,14 +169,14 @@ def test_a_notice_is_shown_and_a_page_that_goes_gives_the_window_back(page: Live
     view = open_view(page)
     view.pictures.show_notice("something is wrong")
     page.flush()
-    assert page.page.text_content(".dnb-messages-text") == "something is wrong"
+    assert message_text(page.page) == "something is wrong"
     page.page.evaluate("() => models.view.cleanups.splice(0).forEach((f) => f())")
     page.wait("models.view.sent.at(-1).type === 'bye'")
     page.wait_until(lambda: view.scene.loop is None)
     page.outbox.clear()
     page.draw()
     drawn(page)
-    assert page.page.text_content(".dnb-messages-text") == "something is wrong"
+    assert message_text(page.page) == "something is wrong"
     assert page.page.evaluate("document.querySelectorAll('canvas').length") == 1
     assert page.errors == []
 
@@ -196,8 +197,8 @@ def test_a_fold_is_red_and_a_badge_says_what_that_means(page: LivePage) -> None:
     assert painted.sum() > 300
     assert columns.mean() > SIZE[0] / 2 + 5  # ahead of the point, on its way to the right
     assert abs(rows.mean() - SIZE[1] / 2) < 15
-    assert page.page.locator(".dnb-messages-text").inner_text() == "the map folds: tissue there is red"
+    assert message_text(page.page) == "the map folds: tissue there is red"
     changed(page, lambda: setattr(view, "show_folds", False))
     r, g, _ = np.moveaxis(pixels(page), -1, 0)
     assert not (r > g + 30).any()
-    assert page.page.locator(".dnb-messages-text").inner_text() == ""
+    assert message_text(page.page) == ""

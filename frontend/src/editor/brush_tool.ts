@@ -13,8 +13,8 @@ import type { View } from "./painter.ts";
 
 const BRUSH_WORDS: Record<string, string> = { move: "Move", grow: "Grow" };
 const BRUSH_HINTS: Record<string, string> = {
-  move: "Drag to move the tissue in the circle. [ and ] or the wheel change its size, Esc ends",
-  grow: "Press and drag right to grow the tissue in the circle, left to shrink it. [ and ] change its size, Esc ends",
+  move: "Drag to move the tissue in the circle; [ and ] change its size, Esc ends",
+  grow: "Drag right to grow the tissue in the circle, left to shrink it; Esc ends",
 };
 const BRUSH_PIXELS: Vector2 = [8, 400]; // CSS pixels of the radius, least and most
 const BRUSH_SHARE = 0.09; // of the picture's diagonal: the radius at first

@@ -1,11 +1,10 @@
 // What gets a drag further that was stopped before tissue folds: each way is tried, those that get further become
-// buttons, and one of them moves on to where the pointer was, as one edit.
+// buttons of a message, and one of them moves on to where the pointer was, as one edit.
 
 import { MOST_STAGES } from "../generated.ts";
 import type { FitChange } from "../sync/edits.ts";
 import type { Frames } from "./frames.ts";
 import type { Messages } from "./messages.ts";
-import { OptionBar } from "./option_bar.ts";
 
 /** A drag that was stopped: the state at each share of its way, and the share at which it stands. */
 export interface StoppedDrag<S> {
@@ -18,11 +17,11 @@ export type Way<S> = (share: number) => S | null;
 /** A way that gets further, and how far. */
 export type FoldOffer<S> = { name: string; way: Way<S>; share: number };
 
-/** The box over which the buttons lie, and what they report to. */
+/** What shows the offers, and takes the focus back. */
 export interface OffersHost {
   frames: Pick<Frames, "guard" | "invalidate">;
-  messages: Pick<Messages, "announce">;
-  stage: { readonly element: HTMLElement; focus(): void };
+  messages: Pick<Messages, "announce" | "set">;
+  stage: { focus(): void };
 }
 
 const SUPPORTS = [1.5, 2, 3, 4, 6, 8]; // of the reach of points
@@ -57,23 +56,13 @@ export function fitWays<S extends object>(
 
 /** Offers of the editor of a picture, or in space, whose states are S. */
 export abstract class DragOffers<S> {
-  bar: OptionBar;
-  words: HTMLSpanElement;
-  buttons: HTMLSpanElement;
-  offers: FoldOffer<S>[] = [];
+  isShown = false;
   isTrying = false;
   #turn = 0; // of the drag that is tried; another one ends the trial
   readonly #host: OffersHost;
 
   constructor(host: OffersHost) {
     this.#host = host;
-    this.bar = new OptionBar(host, "dnb-ed-options dnb-ed-fold-bar", "Ways to continue the drag");
-    this.words = this.bar.text("", { role: "status" });
-    this.buttons = this.bar.text("dnb-ed-fold-buttons");
-    this.bar.button("\u2715", "Leave it there", () => {
-      this.drop();
-      host.stage.focus();
-    });
   }
 
   /** Ways of a stopped drag by their names, of each the first choices first. */
@@ -88,18 +77,12 @@ export abstract class DragOffers<S> {
   /** Make the edit of a way. */
   protected abstract apply(state: S, name: string): void;
 
-  get isShown() {
-    return !this.bar.element.hidden;
-  }
-
-  /** Withdraw the offers: another edit begins. False if there are none. */
+  /** Withdraw the offers: another edit begins. */
   drop() {
     this.#turn += 1;
     this.isTrying = false;
-    this.offers = [];
-    const was = this.isShown;
-    this.bar.element.hidden = true;
-    return was;
+    this.isShown = false;
+    this.#host.messages.set("offers", "");
   }
 
   /** Offer what gets further than a drag that was stopped. */
@@ -150,26 +133,23 @@ export abstract class DragOffers<S> {
     return low;
   }
 
-  // ---- the bar -------------------------------------------------------------------------------------------------------
+  // ---- the message ---------------------------------------------------------------------------------------------------
 
   #show(offers: FoldOffer<S>[], share: number) {
-    this.offers = offers;
-    const stand = Math.round(100 * share);
-    this.words.textContent = offers.length
-      ? `Stopped before tissue folds, at ${stand} % of the drag. Continue:`
-      : `Stopped before tissue folds, at ${stand} % of the drag. Drag less far, or hold fewer points`;
-    this.buttons.replaceChildren();
-    for (const offer of offers) {
-      const [label, tip] = NAMES[offer.name]!;
-      const far = Math.round(100 * offer.share);
-      const words = offer.share === 1 ? label : `${label}: ${far} %`,
-        button = this.bar.button(words, words, () => this.take(offer), tip);
-      button.dataset.offer = offer.name;
-      this.buttons.append(button);
-    }
-    this.bar.element.hidden = false;
-    this.#host.messages.announce(this.words.textContent);
-    this.#host.frames.invalidate();
+    const { frames, messages, stage } = this.#host,
+      end = offers.length ? "Continue:" : "Drag less far, or hold fewer points";
+    const actions = offers.map((offer) => {
+      const [label, tip] = NAMES[offer.name]!,
+        text = offer.share === 1 ? label : `${label}: ${Math.round(100 * offer.share)} %`;
+      return { name: offer.name, text, tip, act: () => frames.guard(() => this.take(offer)) };
+    });
+    this.isShown = true;
+    messages.set("offers", `Stopped before tissue folds, at ${Math.round(100 * share)} % of the drag. ${end}`, {
+      kind: "warning",
+      actions,
+      closed: () => stage.focus(),
+    });
+    frames.invalidate();
   }
 
   /** Continue the drag by one of the ways, as one edit. */

@@ -139,7 +139,6 @@ export class EditorView extends EditorDrawing {
     tools.others = new OtherWindows(parts);
     panels.status = new StatusLine(parts);
     offerTools(bus, pictureViewTools(parts), this.stage.closing.signal);
-    panels.status.root.append(messages.alert, messages.tip); // in the place of the advice, not over the picture
     root.append(messages.liveRegion);
     Object.assign(root, { deformnb: this }); // for tests and for debugging
     this.#followModel();
@@ -173,6 +172,7 @@ export class EditorView extends EditorDrawing {
     on("change:theme", () => this.theme.apply());
     on("change:waiting", () => this.showWaiting());
     for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => map.invalidate());
+    for (const name of ["settings", "stop_at_folds"]) on(`change:${name}`, () => tools.foldStop.leave());
     for (const name of ["air", "tissue"]) on(`change:${name}`, () => this.#forgetFolds());
     on("change:window", () => tools.window.apply());
     on("change:colours", () => picture.applyColours());
@@ -181,9 +181,8 @@ export class EditorView extends EditorDrawing {
     on("msg:custom", (message) => this.message(message));
     const news = {
       points: () => {
-        const { list } = points;
         this.receive();
-        if (points.list !== list) tools.foldOffers.drop(); // they were about the points before
+        tools.foldStop.follow();
       },
       status: () => messages.showStatus(sender),
       history: () => {

@@ -42,8 +42,7 @@ export class FoldOffers extends DragOffers<MapState> {
 
   protected apply(state: MapState) {
     const { foldStop, points: pointTools, shapes: shapeTools } = this.editor.tools;
-    foldStop.note = "";
-    foldStop.stopped = null;
+    foldStop.leave();
     if (state.shapes !== this.editor.points.shapes)
       shapeTools.edit("parts", state.shapes.parts, "move rigidly", { points: state.points });
     else pointTools.edit(state.points, "move", null, state.fit);

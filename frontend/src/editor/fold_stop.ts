@@ -3,6 +3,7 @@
 
 import { NEARLY_FOLDED } from "../generated.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
+import { samePoints, sameShapes } from "../maths/points.ts";
 import { RbfError } from "../maths/rbf.ts";
 import { checksOf, SafeShare } from "../maths/safe_share.ts";
 import type { FitChange } from "../sync/edits.ts";
@@ -27,6 +28,8 @@ export class FoldStop {
   least0: number | null = null;
   start: MapState;
   stopped: StoppedDrag<MapState> | null = null;
+  /** The state in which the drag was left. */
+  #left: MapState | null = null;
   #share = new SafeShare();
 
   constructor(readonly editor: FoldStopEditor) {
@@ -41,14 +44,37 @@ export class FoldStop {
   /** A drag begins. */
   begin() {
     const { list: points, shapes } = this.editor.points;
-    Object.assign(this, { note: "", least0: null, stopped: null, start: { points, shapes } });
+    this.leave();
+    Object.assign(this, { least0: null, start: { points, shapes } });
     this.#share.reset();
+  }
+
+  /** Forget the drag that was stopped: it is undone, or goes on. */
+  leave() {
+    Object.assign(this, { note: "", stopped: null });
+    this.#left = null;
     this.editor.tools.foldOffers.drop();
   }
 
   /** A drag has ended: offer what gets further, if it was stopped. */
-  end() {
-    if (this.stopped) this.editor.tools.foldOffers.propose(this.stopped);
+  end(isCancelled = false) {
+    if (isCancelled) this.leave();
+    if (!this.stopped) return;
+    const { list: points, shapes } = this.editor.points;
+    this.#left = { points, shapes };
+    this.editor.tools.foldOffers.propose(this.stopped);
+  }
+
+  /** Other points or shapes have come: a drag that was stopped before is no longer what one sees. */
+  follow() {
+    const { list, shapes } = this.editor.points,
+      left = this.#left;
+    if (left && !(samePoints(left.points, list) && sameShapes(left.shapes, shapes))) this.leave();
+  }
+
+  /** The reason, as long as no message offers what gets further. */
+  get remark() {
+    return this.editor.tools.foldOffers.isShown ? "" : this.note;
   }
 
   /** The smallest det J of a state; minus infinity where it cannot be fitted. */

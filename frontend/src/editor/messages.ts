@@ -1,7 +1,8 @@
-// Messages over the picture of an editor, temporary hints, and texts for screen readers.
+// The messages of an editor: one row below its pictures, and texts for screen readers.
 
 import type { Sender } from "../sync/edits.ts";
-import { buttonElement, named, pageElement, setText } from "../ui/dom.ts";
+import { pageElement, setText } from "../ui/dom.ts";
+import { MessageRow } from "../ui/messages.ts";
 
 /** Messages about a kernel that does not answer, by the sender's status. */
 const NO_ANSWER: Record<string, string> = {
@@ -12,60 +13,42 @@ const NO_ANSWER: Record<string, string> = {
   lost: "The kernel was restarted or is gone: Python does not get these edits. Run the cell again",
 };
 
-const FINAL = new Set(["detached", "held", "lost"]); // these messages stay as long as the page is open
-const LONGEST_TIMER = 2 ** 31 - 1; // milliseconds
+const FINAL = new Set(["detached", "held", "lost"]), // these messages stay as long as the page is open
+  READABLE = 8000; // milliseconds
 
-/** The elements of the messages, which the editor places. */
-export class Messages {
-  tip = pageElement("div", "dnb-ed-hint", null, { hidden: "", "aria-hidden": "true" });
-
-  alert = pageElement("div", "dnb-ed-alert", null, { role: "alert", hidden: "" });
-
+/** The row, which the editor places. */
+export class Messages extends MessageRow {
   liveRegion = pageElement("div", "dnb-ed-spoken", null, { "aria-live": "polite" });
 
-  /** Called before a message replaces the one over the picture. */
-  onReplace: () => void = () => {};
-
-  #tipTimer = 0;
-
-  #alertTimer = 0;
-
-  close() {
-    for (const timer of [this.#tipTimer, this.#alertTimer]) clearTimeout(timer);
+  constructor() {
+    super(null);
   }
 
   showStatus({ channel: { status } }: Sender) {
-    const text = NO_ANSWER[status];
-    if (text) this.hint(text, FINAL.has(status) ? LONGEST_TIMER : 8000);
-    else if (Object.values(NO_ANSWER).includes(this.tip.textContent)) this.tip.hidden = true;
+    const isFinal = FINAL.has(status);
+    this.set("kernel", NO_ANSWER[status] ?? "", isFinal ? { kind: "warning" } : { duration: READABLE });
   }
 
-  /** Show a message over the picture; a temporary one is hidden after a while. */
+  /** Say that something has failed; what is temporary is withdrawn after a while. */
   show(message: string, isPassing = false) {
-    this.onReplace();
-    clearTimeout(this.#alertTimer);
-    this.alert.hidden = !message;
-    this.alert.textContent = message;
-    if (message) buttonElement("dnb-ed-close", this.alert, "\u00d7", () => this.show(""), named("Close this message"));
-    if (isPassing)
-      this.#alertTimer = setTimeout(() => {
-        this.alert.hidden = true;
-      }, 8000);
+    this.#repeat("failure", message);
+    this.set("failure", message, { kind: "error", ...(isPassing && { duration: READABLE }) });
   }
 
   /** Show a hint for some milliseconds. */
   hint(text: string, duration = 2500) {
-    clearTimeout(this.#tipTimer);
-    this.tip.hidden = false;
-    this.tip.textContent = text;
-    this.#tipTimer = setTimeout(() => {
-      this.tip.hidden = true;
-    }, duration);
+    this.#repeat("hint", text);
+    this.set("hint", text, { kind: "hint", duration });
   }
 
-  /** Hide a hint early, if it is one of these. */
+  /** Withdraw a hint early, if it is one of these. */
   hideHint(texts: string[]) {
-    if (texts.includes(this.tip.textContent)) this.tip.hidden = true;
+    if (texts.includes(this.textOf("hint"))) this.set("hint", "");
+  }
+
+  /** Let a text that the user has closed come again: it is about something else. */
+  #repeat(source: string, text: string) {
+    if (this.textOf(source) !== text) this.set(source, "");
   }
 
   /** Give a text to screen readers. */

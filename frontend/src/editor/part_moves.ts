@@ -103,8 +103,8 @@ export abstract class PartMoves<P extends { name: string }, V extends Vector> {
   /** Draw the state that is shown now: it moves, or has come to rest. */
   protected abstract redraw(isMoving: boolean): void;
 
-  /** A drag has ended and was not cancelled. */
-  protected abstract finish(): void;
+  /** A drag has ended. */
+  protected abstract finish(isCancelled: boolean): void;
 
   /** Make an edit; false where it is refused. */
   protected abstract apply(state: PartState<V>, kind: string, options: PartEditOptions): boolean;
@@ -200,7 +200,7 @@ export abstract class PartMoves<P extends { name: string }, V extends Vector> {
     Object.assign(editor.points, { list: points, shapes });
     const after = this.partOf(now.shapes, index);
     const isEdit = !isCancelled && after && this.#edit(part, after, index, this.#kind(handle, part), { wasFine });
-    if (!isCancelled) this.finish();
+    this.finish(isCancelled);
     if (isEdit) return;
     Object.assign(editor.points, { list: editor.sender.points, shapes: editor.sender.shapes });
     this.redraw(false);

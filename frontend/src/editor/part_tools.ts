@@ -106,8 +106,8 @@ export class PartTools extends PartMoves<PartData, Vector2> {
     return this.editor.tools.foldStop.limit(make);
   }
 
-  protected finish() {
-    this.editor.tools.foldStop.end();
+  protected finish(isCancelled: boolean) {
+    this.editor.tools.foldStop.end(isCancelled);
   }
 
   protected redraw(isMoving: boolean) {

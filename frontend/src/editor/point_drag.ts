@@ -155,7 +155,7 @@ export class PointDrag implements PointDragger {
     if (!drag0) return false;
     editor.points.list = drag0;
     const isEdit = !isCancelled && editor.tools.points.edit(points, kind);
-    if (!isCancelled) editor.tools.foldStop.end();
+    editor.tools.foldStop.end(isCancelled);
     if (isEdit) return true;
     editor.points.list = editor.sender.points; // Python may have moved them meanwhile
     editor.map.invalidate();

@@ -77,14 +77,12 @@ export class PointTools {
   /** The same by a key, as far as tissue does not fold: `make(1)` of the points, or a share of the way. */
   changeAsFar(make: (share: number) => PicturePoint[], kind: PointsEdit["kind"], join: string) {
     const {
-      messages,
       points: { list, shapes },
       tools: { foldStop },
     } = this.editor;
     foldStop.begin();
     const { points } = foldStop.limit<MapState>((share) => ({ points: this.mirror.edit(list, make(share)), shapes }));
     this.edit(points, kind, join);
-    if (foldStop.note) messages.announce(foldStop.note);
     foldStop.end();
   }
 

@@ -30,7 +30,6 @@ import {
 } from "../maths/shapes.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
 import type { PartData, PicturePoint, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
-import { buttonElement } from "../ui/dom.ts";
 import { PenGesture } from "./gestures.ts";
 import type { EditorParts } from "./parts.ts";
 import { ShapeEdits } from "./shape_edits.ts";
@@ -43,14 +42,11 @@ export type PenDraft = Draft & { isSet: boolean; canClose: boolean; shown?: numb
 export type ShapeDrag = { shapes: Shapes; region: RegionData; corner: number | null; at: Vector2; wasFine: boolean };
 
 const PEN_HINTS: Record<string, string> = {
-  cut:
-    "Click along the cut, or draw it in one stroke. Enter or double-click ends it; a click on its start closes " +
-    "it. An open cut continues straight to the border; double-click an end of it later to let it stop there",
-  part: "Click around what shall stay rigid, or draw around it. Enter, double-click or a click on the start closes it",
-  straighten:
-    "Draw a line along the middle of what is bent, from end to end; or click along it, and Enter or double-click ends it",
+  cut: "Click along the cut or draw it; Enter or a double-click ends it",
+  part: "Click or draw around what stays rigid; Enter or a double-click ends it",
+  straighten: "Draw or click along the middle of what is bent, from end to end; Enter ends it",
   hinge: "Drag from the joint to the end of the side that turns; or click both",
-  fixed: "Click two places, or drag a line: the hatched side of it stays fixed. The arrows on the line swap the sides",
+  fixed: "Draw a line: its hatched side stays fixed; the arrows on it swap the sides",
 };
 export const PEN_WORDS: Record<string, string> = {
   cut: "cut",
@@ -59,6 +55,7 @@ export const PEN_WORDS: Record<string, string> = {
   straighten: "centre line",
   hinge: "hinge",
 };
+const CLOSE_HINT = "A click on its start closes it";
 const OF_TWO = ["fixed", "hinge"]; // which two places determine
 const CLOSE_BY = 10; // CSS pixels around the first place that close the line
 const STROKE_ERROR = 1.6; // CSS pixels between a drawn stroke and its corners
@@ -107,7 +104,7 @@ export class Pen {
     this.endedAt = performance.now();
     this.stroke = null;
     this.editor.stage.element.classList.remove("dnb-ed-drawing");
-    this.editor.messages.hideHint(Object.values(PEN_HINTS));
+    this.editor.messages.hideHint([...Object.values(PEN_HINTS), CLOSE_HINT]);
     this.editor.frames.invalidate();
     return true;
   }
@@ -201,7 +198,9 @@ export class Pen {
   }
 
   #count(draft: PenDraft) {
+    const could = draft.canClose;
     draft.canClose = ["cut", "part"].includes(draft.tool) && draft.places.length > 2;
+    if (draft.canClose && !could) this.editor.messages.hint(CLOSE_HINT, 6000);
   }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
@@ -308,7 +307,6 @@ export class ShapeTools extends ShapeEdits {
     super(editor);
     this.handles = new ShapeHandles(editor.stage.svg);
     editor.points.draggers.push(this);
-    editor.messages.onReplace = () => this.forgetOffer();
   }
 
   /** The distance of the two places that turn a half plane, in units of the picture. */
@@ -396,10 +394,7 @@ export class ShapeTools extends ShapeEdits {
     this.handles.focus(chosen);
     editor.messages.announce(`${shapeLabel(editor.points.shapes[what][index]!, what, index)}, added`);
     if (what !== "cuts") return;
-    editor.messages.hint(
-      "Each side bends by its own points now. Pull open sets some, or add your own and drag them",
-      6000,
-    );
+    editor.messages.hint("Each side bends by its own points now: pull it open, or add points and drag", 6000);
   }
 
   /** Swap the sides of the chosen shape: of a fixed side the other half stays then. */
@@ -590,19 +585,18 @@ export class ShapeTools extends ShapeEdits {
       [who, it, whose] = one
         ? [labelOf(held[0]!.point, numberOf(offer.points, held[0]!.point.id)), "it", "its"]
         : [`${held.length} control points`, "them", "their"];
-    editor.messages.show(
+    const question =
       `${who[0]!.toUpperCase()}${who.slice(1)} in this rigid part require${one ? "s" : ""} another ` +
-        `movement than the part's. Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`,
-    );
+      `movement than the part's. Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`;
+    const answer = (name: string, text: string) => ({
+      name,
+      text,
+      act: () => editor.frames.guard(() => this.#takeOffer(offer, name)),
+    });
+    const actions = [answer("carry", `Carry ${it}`), answer("off", `Switch ${it} off`), answer("cancel", "Cancel")];
+    editor.messages.set("question", ""); // the same one may have been closed
+    editor.messages.set("question", question, { kind: "warning", actions, closed: () => this.dropOffer() });
     this.offered = offer;
-    for (const [how, text] of [
-      ["carry", `Carry ${it}`],
-      ["off", `Switch ${it} off`],
-      ["cancel", "Cancel"],
-    ] as [string, string][]) {
-      const take = () => editor.frames.guard(() => this.#takeOffer(offer, how));
-      buttonElement("dnb-ed-offer", editor.messages.alert, text, take, { "data-offer": how });
-    }
     editor.frames.invalidate();
     return true;
   }
@@ -615,7 +609,7 @@ export class ShapeTools extends ShapeEdits {
     const freed = updatePoints(points, [...held.keys()], ({ id, source }) =>
       how === "carry" ? { target: movePlace(held.get(id)?.motion ?? null, source) } : { active: false },
     );
-    editor.messages.show("");
+    this.dropOffer();
     editor.stage.focus();
     if (how === "cancel") return;
     const words = `${kind}, ${how === "carry" ? "carry" : "switch off"} its points`;
@@ -623,17 +617,13 @@ export class ShapeTools extends ShapeEdits {
     if (parts.length > count) this.#finishAdd("parts");
   }
 
-  /** Withdraw the question. False if there is none. */
+  /** Withdraw the question and its outline. False if there is none. */
   dropOffer() {
     if (!this.offered) return false;
-    this.editor.messages.show("");
-    return true;
-  }
-
-  /** Drop the outline: another message replaces the question. */
-  forgetOffer() {
-    if (this.offered) this.editor.frames.invalidate();
     this.offered = null;
+    this.editor.messages.set("question", "");
+    this.editor.frames.invalidate();
+    return true;
   }
 
   /** The outline of the part that waits for an answer, where it would be. */

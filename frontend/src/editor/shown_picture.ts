@@ -55,9 +55,11 @@ export class ShownPicture {
       if (this.#requests !== number) return;
       if (source && model.get("window")?.length) source.setWindow(model.get("window"));
       this.painter.source = source;
+      messages.set("picture", "");
     } catch (error) {
       const reason = error instanceof Error ? error.message : error;
-      if (this.#requests === number) messages.show(`The picture could not be shown: ${reason}`);
+      if (this.#requests === number)
+        messages.set("picture", `The picture could not be shown: ${reason}`, { kind: "error" });
     }
     loaded();
   }

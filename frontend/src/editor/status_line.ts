@@ -19,7 +19,7 @@ const VALUE_TIP =
 
 /** Dependencies of the line on the editor. */
 export type StatusEditor = EditorParts<
-  "model" | "stage" | "viewport" | "points" | "map" | "picture",
+  "model" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
   "parts" | "modes" | "foldStop" | "shapes",
   "nodes"
 >;
@@ -32,7 +32,6 @@ export class StatusLine {
   legend: HTMLSpanElement;
   value: HTMLSpanElement;
   folds: HTMLSpanElement;
-  notes: HTMLDivElement;
   legendKey = ""; // of the status shown
 
   constructor(readonly editor: StatusEditor) {
@@ -43,7 +42,7 @@ export class StatusLine {
     this.legend = pageElement("span", "dnb-ed-legend", state, { role: "img" });
     this.value = pageElement("span", "dnb-ed-value", state, { title: VALUE_TIP });
     this.folds = pageElement("span", "dnb-ed-folds", state);
-    this.notes = pageElement("div", "dnb-ed-notes", this.root);
+    this.root.append(editor.messages.root);
   }
 
   /** Such as "slice 57 / 128, 12.0 mm"; empty where the picture is no slice. */
@@ -95,9 +94,7 @@ export class StatusLine {
     setText(this.slice, this.sliceWords);
     const {
       points: { list: points, selected },
-      map: { layered, error },
-      tools: { foldStop, shapes: shapeTools },
-      layers: { nodes: gridNodes },
+      tools: { shapes: shapeTools },
     } = this.editor;
     const off = points.filter((p) => !p.active).length;
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
@@ -113,12 +110,23 @@ export class StatusLine {
     setAttributes(this.facts, { title: facts }); // where it is cut off
     const folds = this.editor.map.folds ?? { least: 1, share: 0, air: 0 };
     this.#updateFolds(folds);
+    this.#say(folds);
+  }
+
+  /** Say what is wrong with the map, or the next step. */
+  #say(folds: { least: number }) {
+    const {
+      map: { layered, error },
+      messages,
+      tools: { foldStop },
+      layers: { nodes: gridNodes },
+    } = this.editor;
     const remarks = this.#isUntouched ? [] : (layered?.notes ?? []);
-    const notes = error || foldStop.note || gridNodes.warning(folds) || remarks.join("; ");
-    setText(this.notes, notes || this.#advice());
-    setAttributes(this.notes, { title: notes });
-    this.notes.classList.toggle("dnb-ed-bad", error !== "");
-    this.notes.classList.toggle("dnb-ed-near", error === "" && notes !== "");
+    messages.set("fit", error, { kind: "error" });
+    messages.set("remarks", remarks.join("; "), { kind: folds.least <= 0 ? "warning" : "info" });
+    messages.set("nodes", gridNodes.warning(folds), { kind: "warning" });
+    messages.set("stop", foldStop.remark, { kind: "warning" });
+    messages.set("advice", this.#advice(), { kind: "advice" });
   }
 
   #updateFolds({ least, share, air }: { least: number; share: number; air: number }) {

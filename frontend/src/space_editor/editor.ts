@@ -154,7 +154,6 @@ export class SpaceEditorView extends EditorDrawing {
     );
     parts.status = new SpaceStatus(parts, root);
     offerTools(busOf(model), spaceViewTools(parts), parts.row.closing.signal);
-    parts.status.root.append(messages.alert, messages.tip);
     root.append(messages.liveRegion);
     Object.assign(root, { deformnb: this }); // for tests and debugging
     this.#followModel();
@@ -195,7 +194,7 @@ export class SpaceEditorView extends EditorDrawing {
 
   #followModel() {
     const { frames, messages, model, sender } = this,
-      { cursor, edits, foldOffers, points, shapes } = this.parts,
+      { cursor, edits, foldStop, points, shapes } = this.parts,
       bus = busOf(model);
     const on = (name: string, handler: ModelHandler) => {
       const guarded: ModelHandler = (...given) => frames.guard(() => handler(...given));
@@ -230,15 +229,15 @@ export class SpaceEditorView extends EditorDrawing {
     ]) {
       on(`change:${name}`, () => frames.invalidate());
     }
+    for (const name of ["settings", "stop_at_folds"]) on(`change:${name}`, () => foldStop.leave());
     const moved = (event: CustomEvent<PointsDetail>) => frames.guard(() => edits.receiveMove(event.detail));
     bus.addEventListener("deformnb:points", moved);
     this.#ends.push(() => bus.removeEventListener("deformnb:points", moved));
     sender.channel.greet();
     const news = {
       points: () => {
-        const { list } = points;
         edits.receive();
-        if (points.list !== list) foldOffers.drop(); // they were about the points before
+        foldStop.follow();
       },
       status: () => messages.showStatus(sender),
       history: () => {

@@ -67,10 +67,9 @@ export class SpaceEdits {
     this.drag0 = null;
     if (!drag0) return;
     points.list = drag0;
-    if (!isCancelled && this.edit(list, kind)) {
-      foldStop.end();
-      return;
-    }
+    const isEdit = !isCancelled && this.edit(list, kind);
+    foldStop.end(isCancelled);
+    if (isEdit) return;
     this.publish(sender.points, "end"); // Python may have moved them meanwhile
     sender.move(points.list); // Python has received the drag, and now its end
   }

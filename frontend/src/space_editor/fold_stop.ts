@@ -3,7 +3,7 @@
 
 import type { StoppedDrag } from "../editor/drag_offers.ts";
 import { NEARLY_FOLDED } from "../generated.ts";
-import { placeBetween } from "../maths/points.ts";
+import { placeBetween, samePoints } from "../maths/points.ts";
 import { SafeShare } from "../maths/safe_share.ts";
 import type { SpacePoint } from "../types.ts";
 import type { SpaceState } from "./fold_offers.ts";
@@ -15,6 +15,8 @@ export class SpaceFoldStop {
   /** The smallest det J before the drag. */
   #least0: number | null = null;
   #stopped: StoppedDrag<SpaceState> | null = null;
+  /** The points that the drag has left. */
+  #left: SpacePoint[] | null = null;
   #share = new SafeShare();
 
   constructor(readonly editor: SpaceParts<"model" | "points" | "map" | "foldOffers">) {}
@@ -30,18 +32,32 @@ export class SpaceFoldStop {
     this.#least0 = null;
     this.start = this.editor.points.list;
     this.#share.reset();
-    this.editor.foldOffers.drop();
   }
 
-  /** Forget the drag that was stopped: it goes on. */
+  /** Forget the drag that was stopped: it is undone, or goes on. */
   leave() {
     this.note = "";
     this.#stopped = null;
+    this.#left = null;
+    this.editor.foldOffers.drop();
   }
 
   /** A drag has ended: offer what gets further, if it was stopped. */
-  end() {
-    if (this.#stopped) this.editor.foldOffers.propose(this.#stopped);
+  end(isCancelled = false) {
+    if (isCancelled) this.leave();
+    if (!this.#stopped) return;
+    this.#left = this.editor.points.list;
+    this.editor.foldOffers.propose(this.#stopped);
+  }
+
+  /** Other points have come: a drag that was stopped before is no longer what one sees. */
+  follow() {
+    if (this.#left && !samePoints(this.#left, this.editor.points.list)) this.leave();
+  }
+
+  /** The reason, as long as no message offers what gets further. */
+  get remark() {
+    return this.editor.foldOffers.isShown ? "" : this.note;
   }
 
   /** Whether the map folds in a state, and did not before the drag: folds of before may stay. */

@@ -40,7 +40,7 @@ export class SpacePointTools {
 
   /** An edit by a key, as far as tissue does not fold. */
   #changeAsFar(make: (share: number) => SpacePoint[], kind: PointsEdit["kind"], join: string) {
-    const { edits, foldStop, messages, points } = this.editor,
+    const { edits, foldStop, points } = this.editor,
       before = points.list;
     foldStop.begin();
     edits.edit(
@@ -48,7 +48,6 @@ export class SpacePointTools {
       kind,
       join,
     );
-    if (foldStop.note) messages.announce(foldStop.note);
     foldStop.end();
     this.editor.frames.invalidate();
   }

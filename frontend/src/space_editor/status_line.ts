@@ -28,10 +28,9 @@ export class SpaceStatus {
   #line: HTMLSpanElement;
   #folds: HTMLSpanElement;
   #value: HTMLSpanElement;
-  #notes: HTMLDivElement;
 
   constructor(
-    readonly editor: SpaceParts<"model" | "points" | "edits" | "brush" | "cursor" | "foldStop" | "shapes">,
+    readonly editor: SpaceParts<"model" | "messages" | "points" | "edits" | "brush" | "cursor" | "foldStop" | "shapes">,
     root: HTMLElement,
   ) {
     this.root = pageElement("div", "dnb-ed-status", root);
@@ -39,7 +38,7 @@ export class SpaceStatus {
     this.#line = pageElement("span", "dnb-ed-facts", state);
     this.#folds = pageElement("span", "dnb-ed-folds", state);
     this.#value = pageElement("span", "dnb-ed-value", state);
-    this.#notes = pageElement("div", "dnb-ed-notes", this.root);
+    this.root.append(editor.messages.root);
   }
 
   /** Show the value under a pointer, whose ends are those of the window; null for none. */
@@ -57,12 +56,13 @@ export class SpaceStatus {
 
   update() {
     const { facts } = this,
-      { edits, foldStop, points, shapes } = this.editor,
+      { edits, foldStop, messages, points, shapes } = this.editor,
       { list, selected } = points;
-    if (edits.isViewer) {
-      setText(this.#notes, facts.note || "Click or drag the cross-hair; the wheel goes through the slices");
-      return;
-    }
+    const isFolded = (facts.folds?.[0] ?? 1) <= 0;
+    messages.set("facts", facts.note ?? "", { kind: facts.isBad ? "error" : isFolded ? "warning" : "info" });
+    messages.set("stop", foldStop.remark, { kind: "warning" });
+    messages.set("advice", this.#advice(), { kind: "advice" });
+    if (edits.isViewer) return;
     const off = list.filter((p) => !p.active).length,
       count = `${list.length} ${list.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`,
       one = selected.size === 1 ? list.find((p) => selected.has(p.id)) : null;
@@ -78,9 +78,6 @@ export class SpaceStatus {
         : "No points yet: four or more in space bend the volume, one moves it",
     );
     this.#updateFolds(list.length || shapes.parts.length ? facts.folds : null);
-    setText(this.#notes, (facts.isBad && facts.note) || foldStop.note || facts.note || this.#advice());
-    this.#notes.classList.toggle("dnb-ed-bad", Boolean(facts.isBad));
-    this.#notes.classList.toggle("dnb-ed-near", !facts.isBad && Boolean(facts.note || foldStop.note));
   }
 
   #updateFolds(folds: [number, number] | null | undefined) {
@@ -97,7 +94,8 @@ export class SpaceStatus {
 
   /** A next step for the user, where there is nothing to remark. */
   #advice() {
-    const { brush, cursor, model, points, shapes } = this.editor;
+    const { brush, cursor, edits, model, points, shapes } = this.editor;
+    if (edits.isViewer) return "Click or drag the cross-hair; the wheel goes through the slices";
     if (model.get("read_only")) return "These points are shown only";
     if (brush.isOn) return brush.advice;
     if (shapes.pen.isOn) return shapes.pen.advice;

@@ -3,13 +3,12 @@
 const FACTS = 26; // CSS pixels of the line over a message of the picture, and of the space around it
 const MOST = 0.4; // of the panes' height, beyond which messages are scrolled
 
-/** Below the picture: an alert or the advice, and hints, which pass. */
-const ADVICE = ".dnb-pane-picture .dnb-ed-status > :is(.dnb-ed-alert, .dnb-ed-notes)",
-  HINTS = ".dnb-pane-picture .dnb-ed-status > .dnb-ed-hint";
+/** Below the picture. */
+const SAID = ".dnb-pane-picture .dnb-ed-status > .dnb-messages";
 
 /** Examples to begin with; messages of the studio, and questions with their answers; the rows of views of the volume. */
 const PARTS =
-  ":scope > .dnb-studio-start, .dnb-studio-messages :is(.dnb-row, .dnb-message), .dnb-pane-volume .dnb-messages[data-kind]";
+  ":scope > .dnb-studio-start, .dnb-studio-messages :is(.dnb-row, .dnb-message), .dnb-view-pane > .dnb-messages[data-kind]";
 
 /**
  * The most dangerous first. An error that was reported stays beside a question, which wants an answer; the examples come
@@ -51,7 +50,7 @@ export class PanesFoot {
   arrange() {
     const { panes } = this,
       find = (selector: string) => [...panes.querySelectorAll<HTMLElement>(selector)];
-    for (const part of find(".dnb-studio-start, .dnb-studio-messages, .dnb-messages")) {
+    for (const part of find(".dnb-studio-start, .dnb-studio-messages, .dnb-view-pane > .dnb-messages")) {
       this.#changes.observe(part, CHANGES);
       this.sizes.observe(part);
     }
@@ -64,7 +63,7 @@ export class PanesFoot {
       clientHeight,
       isHeld,
       parts.map((part) => [rankOf(part), part.className, part.style.cssText, part.textContent]),
-      isHeld ? [] : find(`${ADVICE}, ${HINTS}`).map(({ hidden, textContent }) => [hidden, textContent]),
+      isHeld ? [] : find(SAID).map(({ textContent }) => textContent),
     ]);
     if (key === this.#key) return; // measuring lays out the studio twice, which a drag has no time for
     this.#key = key;
@@ -84,17 +83,15 @@ export class PanesFoot {
 
   /** The height of what is below the picture; while something is dragged the picture keeps its own. */
   #statusHeight(find: (selector: string) => HTMLElement[]) {
-    const { clientWidth: width } = this.panes;
-    const highest = (selector: string) =>
-      find(selector).reduce((most, part) => {
-        this.sizes.observe(part);
-        return Math.max(most, part.offsetHeight);
-      }, 0);
-    const [advice, hint] = [highest(ADVICE), highest(HINTS)];
+    const { clientWidth: width } = this.panes,
+      rows = find(SAID),
+      highest = (some: HTMLElement[]) => Math.max(0, ...some.map(({ offsetHeight }) => offsetHeight));
+    for (const row of rows) this.sizes.observe(row);
     if (!this.panes.matches(":active")) {
-      const before = width === this.#hints.width ? this.#hints.height : 0;
+      const before = width === this.#hints.width ? this.#hints.height : 0,
+        hint = highest(rows.filter((row) => row.dataset.kind === "hint"));
       this.#hints = { width, height: Math.max(hint, before) };
-      this.#height = FACTS + Math.max(advice, this.#hints.height);
+      this.#height = FACTS + Math.max(highest(rows), this.#hints.height);
     }
     return this.#height;
   }

@@ -4,7 +4,7 @@ import type { LiveViewToPython, VolumeViewToPython } from "../generated.ts";
 import type { Handlers, Model, ModelHandler, Without } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
-import { Messages } from "../ui/messages.ts";
+import { MessageRow } from "../ui/messages.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
 import { type SavedPicture, SavedPictureMenu } from "../ui/saved_picture.ts";
 import { Theme } from "../ui/theme.ts";
@@ -49,7 +49,7 @@ export class ViewElements {
   frame = 0; // the request of the next one, or 0
   box: { width: number; height: number };
   cube: OrientationCube;
-  messages: Messages;
+  messages: MessageRow;
   theme: Theme;
   flicker: Flicker;
   compare: CompareControls;
@@ -65,7 +65,7 @@ export class ViewElements {
     host.classList.add("dnb-view-host");
     this.pane = pageElement("div", "dnb-view-pane", host);
     this.root = pageElement("div", `dnb-view ${kind}`, this.pane);
-    this.messages = new Messages(this.pane);
+    this.messages = new MessageRow(this.pane);
     this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
     // Of the picture in CSS pixels, as last laid out: measuring again lays out the page in every frame of a drag.

@@ -70,7 +70,7 @@ export class LiveVoxels {
     };
     elements.messages.set("voxels", isStuck ? "The volume does not come. Is the kernel running?" : "", {
       kind: "error",
-      action: ["Try again", again],
+      actions: [{ name: "again", text: "Try again", act: again }],
     });
   }
 
