@@ -299,7 +299,6 @@ class StudioPicture:
     Attributes
     ----------
     milliseconds : how long the last one took; None until one was made.
-    part : of the view from which the next picture is seen; None for all of the picture.
     ways_on : the reason why the requested picture cannot be made, and two buttons; unseen while it can.
     """
 
@@ -316,7 +315,8 @@ class StudioPicture:
         self._shown = self._needed_picture()
         self._turned_to: Mapping[str, Any] | None = None
         self.milliseconds: float | None = None
-        self.part: ViewPart | None = None
+        self._part_lock = threading.Lock()
+        self._wanted_part: tuple[Any, ViewPart | None] | None = None  # of the picture with this key
         self._undo, self._reason = undo, ""
         self.ways_on = row()
         self.ways_on.is_visible = False
@@ -335,14 +335,29 @@ class StudioPicture:
             self._settle("")
         return False
 
-    def show_part(self) -> None:
-        """Show the part of the picture that the view shows, at the same scale; all of it where there is none."""
-        part, self.part = self.part, None
-        if part is None:
+    def show_part(self, part: ViewPart | None) -> None:
+        """Show a part of the required picture, as soon as that is shown.
+
+        Parameters
+        ----------
+        part : that the view shows; None for all of the picture.
+        """
+        with self._part_lock:  # the thread that makes the picture may show it now
+            self._wanted_part = self._needed_picture(), part
+            if self.is_visible:
+                self._post_part(is_turned=False)
+
+    def _post_part(self, is_turned: bool) -> None:
+        """Show the part that is wanted of the picture that is shown, or all of a picture from another side."""
+        key, part = self._wanted_part or (None, None)
+        is_wanted = key == self._shown
+        if is_wanted or key != self._needed_picture():
+            self._wanted_part = None
+        if is_wanted and part is not None:
+            middle = self._shown[2].to_plane(part[0])[:2].tolist()  # the plane of the picture that is shown
+            self._editors.plane.post(ShowPart(middle=middle, scale=part[1]))
+        elif is_wanted or is_turned:
             self._editors.plane.post(ShowPart(middle=None))
-            return
-        middle = self._session.editing.plane.to_plane(part[0])[:2].tolist()
-        self._editors.plane.post(ShowPart(middle=middle, scale=part[1]))
 
     def request_deformed(self) -> None:
         """Make the picture of the deformed volume, where it is not the picture deformed in its plane."""
@@ -413,9 +428,9 @@ class StudioPicture:
         self._link.show(self._editors.current)
         self._editors.plane.deformed_picture = None  # that of another picture
         self._editors.show_picture(made)
-        self._shown = needed
-        if is_turned:
-            self.show_part()
+        with self._part_lock:
+            self._shown = needed
+            self._post_part(is_turned)
         self.request_deformed()
         self.milliseconds = (time.perf_counter() - start) * 1e3
 
@@ -466,11 +481,10 @@ class StudioEdits:
         ----------
         part : that the view shows, and the picture then.
         """
-        self._picture.part = part
-        self.apply_edit(lambda: self._session.edit_view(camera["direction"], camera["up"]))
+        is_done = self.apply_edit(lambda: self._session.edit_view(camera["direction"], camera["up"]))
         self._picture.turn()
-        if self._picture.is_visible:  # it was the picture already
-            self._picture.show_part()
+        if is_done:
+            self._picture.show_part(part)
 
     def points_changed(self, editor: Any, points: Any) -> None:
         """An editor has other points."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from front_end import deliver
 from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
 from studio_driver import a_drag, a_volume, controls, drag, get_notice, wait_for
 
 from deformnb.volume.plane import Plane
@@ -166,19 +168,55 @@ def test_the_picture_shows_the_part_that_the_view_shows(studio: Studio, monkeypa
     place = studio.volume.grid.index_to_point([20.0, 3.0, 9.0])
     studio.view.camera = CAMERA
     wish = {"type": "edit_view", "view": "v", "camera": CAMERA, "middle": place.tolist(), "scale": 9.0}
-    for k in range(2):  # the second time it is the picture already
+    for _ in range(2):  # the second time it is the picture already
+        sent.clear()
         deliver(studio.view, wish)
         studio.wait()
-        wait_for(
-            lambda k=k: sum(message["type"] == "see" and message["middle"] is not None for message in sent) == k + 1
-        )
-        shown = [message for message in sent if message["type"] == "see" and message["middle"] is not None]
-        assert_allclose(shown[-1]["middle"], studio.session.editing.plane.to_plane(place)[:2])
-        assert shown[-1]["scale"] == 9.0
-    assert len(shown) == 2
+        assert_seen_part(studio, sent, place)
     studio.session.set_back()
     studio.wait()
     assert [message for message in sent if message["type"] == "see"][-1]["middle"] is None  # all of it
+
+
+def assert_seen_part(studio: Studio, sent: list[Any], place: NDArray[np.float64]) -> None:
+    """The last message on the part that is seen: its middle is this place."""
+    last = [message for message in sent if message["type"] == "see"][-1]
+    assert last["middle"] is not None
+    assert_allclose(last["middle"], studio.session.editing.plane.to_plane(place)[:2])
+    assert last["scale"] == 9.0
+
+
+def test_a_picture_that_is_made_at_once_shows_the_part_too(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[Any] = []
+    monkeypatch.setattr(studio.editor, "post", lambda message, buffers=(): sent.append(message.content()))
+    picture, worker = studio.parts.picture, studio.parts.worker
+    turn = picture.turn
+
+    def turn_late() -> None:
+        if not worker.is_current_thread:  # the thread that makes the picture is quicker than that of the wish
+            studio.wait()
+        turn()
+
+    monkeypatch.setattr(picture, "turn", turn_late)
+    place = studio.volume.grid.index_to_point([20.0, 3.0, 9.0])
+    studio.view.camera = CAMERA
+    deliver(studio.view, {"type": "edit_view", "view": "v", "camera": CAMERA, "middle": place.tolist(), "scale": 9.0})
+    studio.wait()
+    assert_seen_part(studio, sent, place)
+
+
+def test_the_part_of_one_picture_is_not_shown_of_another(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[Any] = []
+    monkeypatch.setattr(studio.editor, "post", lambda message, buffers=(): sent.append(message.content()))
+    is_made = threading.Event()
+    studio.parts.worker.call(is_made.wait)
+    place = studio.volume.grid.index_to_point([20.0, 3.0, 9.0])
+    studio.view.camera = CAMERA
+    deliver(studio.view, {"type": "edit_view", "view": "v", "camera": CAMERA, "middle": place.tolist(), "scale": 9.0})
+    side_menu(studio).value = "+z"
+    is_made.set()
+    studio.wait()
+    assert [message["middle"] for message in sent if message["type"] == "see"] == [None]
 
 
 def test_the_editor_shows_the_deformed_volume_where_depth_matters(studio: Studio) -> None:
