@@ -570,3 +570,19 @@ def test_the_quick_picture_of_a_drag_is_the_full_one_but_for_corners_of_cuts(
         painter.drawFrame(view, box); }})()""")
     quick = page.canvas()
     assert (np.abs(quick - full).max(axis=-1) > 6).mean() < 1e-3
+
+
+def test_a_double_click_beside_the_end_of_a_line_is_its_own(open_editor: Any, picture: Picture) -> None:
+    page = open_editor(Editor(picture, ControlPoints.empty()))
+    page.js("{ performance.now = () => 1000; }")  # no time passes
+    corners = [(45.0, 15.0), (70.0, 15.0), (70.0, 35.0)]
+    page.js(f"{{ {PAGE}.commands.run('cut', null); }}")
+    for corner in corners:
+        page.page.mouse.click(*page.to_screen(corner))
+    page.page.mouse.dblclick(*page.to_screen(corners[0]))  # its first press closes the line
+    page.wait_answered()
+    assert len(page.editor.cuts) == 1
+    assert page.points.ids == ()
+    page.page.mouse.dblclick(*page.to_screen((100, 30)))
+    page.wait_answered()
+    assert len(page.points.ids) == 1

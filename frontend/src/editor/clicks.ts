@@ -69,8 +69,8 @@ export class Clicks {
     const grabbed = this.editor.tools.hits.pointAt(event),
       shape = this.editor.tools.hits.shapeAt(event);
     if (pen.draft) pen.finish(pen.draft.tool === "part");
-    else if (pen.hasEndedNow)
-      return; // the second press has set the last place
+    else if (pen.hasEndedAt(editor.stage.placeOf(event)))
+      return; // its first press has ended the line
     else if (grabbed) editor.tools.points.rename(grabbed.id);
     else if (shape && shape.corner !== null && editor.tools.shapes.toggleStop(shape.corner)) {
       /* it is done */

@@ -58,6 +58,7 @@ export const PEN_WORDS: Record<string, string> = {
 const CLOSE_HINT = "A click on its start closes it";
 const OF_TWO = ["fixed", "hinge"]; // which two places determine
 const CLOSE_BY = 10; // CSS pixels around the first place that close the line
+const DOUBLE_CLICK = 500; // milliseconds between its presses, at most
 const STROKE_ERROR = 1.6; // CSS pixels between a drawn stroke and its corners
 const PEN_STEPS = [1, 10]; // CSS pixels of an arrow key with and without Shift: a user of the keys draws coarsely
 
@@ -70,7 +71,8 @@ export type PenEditor = EditorParts<
 /** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
 export class Pen {
   readonly advice = "Backspace takes the last place back, Esc gives up";
-  endedAt = -Infinity;
+  /** Where and when a pointer has ended a line, in CSS pixels and milliseconds. */
+  ended: { at: Vector2; time: number } | null = null;
   draft: PenDraft | null = null;
   /** Places of a stroke from where the pointer went down. */
   stroke: Vector2[] | null = null;
@@ -81,8 +83,10 @@ export class Pen {
     return this.draft !== null;
   }
 
-  get hasEndedNow() {
-    return performance.now() - this.endedAt < 500;
+  /** Whether a double click at a place is still that which has ended a line: its first press did. */
+  hasEndedAt([x, y]: Vector2) {
+    const { at, time } = this.ended ?? { at: [x, y], time: -Infinity };
+    return performance.now() - time < DOUBLE_CLICK && Math.hypot(x - at[0], y - at[1]) < CLOSE_BY;
   }
 
   /** @param tool a name of PEN_WORDS */
@@ -101,7 +105,6 @@ export class Pen {
   stop() {
     if (!this.draft) return false;
     this.draft = null;
-    this.endedAt = performance.now();
     this.stroke = null;
     this.editor.stage.element.classList.remove("dnb-ed-drawing");
     this.editor.messages.hideHint([...Object.values(PEN_HINTS), CLOSE_HINT]);
@@ -151,12 +154,15 @@ export class Pen {
 
   /** End a stroke or a click. */
   up(from: Vector2, at: Vector2) {
-    const { draft, stroke, editor } = this;
+    const { draft, stroke } = this;
     if (!draft) return;
-    if (!stroke) {
-      this.click(at);
-      return;
-    }
+    if (stroke) this.#endStroke(draft, stroke, from, at);
+    else this.click(at);
+    if (!this.draft) this.ended = { at, time: performance.now() };
+  }
+
+  #endStroke(draft: PenDraft, stroke: Vector2[], from: Vector2, at: Vector2) {
+    const { editor } = this;
     this.stroke = null;
     const before = draft.places.slice(0, draft.shown),
       isWhole = before.length === 0;
