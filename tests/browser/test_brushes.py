@@ -73,14 +73,15 @@ def test_a_moving_brush_takes_along_what_lies_under_it_and_nothing_beyond(
     radius = brush(page, "s")
     by = radius * np.array(way)
     stroke(page, MIDDLE, MIDDLE + by)
-    assert page.points.next_id == len(page.points) + has_points
+    assert page.points.next_id > max(page.points.ids)  # ids of points that were left out are not given again
     length = np.linalg.norm(by)
     assert np.linalg.norm(moved(page.editor, MIDDLE)[0] - by) < 0.04 * radius
     rings = [around(MIDDLE + t * by, q * radius) for t in (0, 1) for q in (1.4, 2, 3, 4)]
     outside = inside(picture, np.concatenate(rings))
     along = np.clip((outside - MIDDLE) @ by / length**2, 0, 1)[:, None] * by
     outside = outside[np.linalg.norm(outside - MIDDLE - along, axis=1) > 1.35 * radius]
-    assert np.linalg.norm(moved(page.editor, outside), axis=1).max() < 0.16 * length
+    missed = 0.5 * min(picture.raster.spacing)  # by the points that are left out
+    assert np.linalg.norm(moved(page.editor, outside), axis=1).max() < 0.16 * length + missed
     names = [name for name in page.points.names if name and name != "top right"]
     assert set(names) == {"move 1"}
     still = np.linalg.norm(page.points.displacement, axis=1) < 0.1 * length

@@ -80,6 +80,32 @@ def test_a_long_stroke_leaves_its_tissue_behind_before_it_folds() -> None:
     assert 0.7 * RADIUS < farthest < 1.3 * RADIUS
 
 
+THIN = STROKE.replace(
+    "return stroke.points;",
+    "const all = stroke.points; stroke.thin(TOLERANCE, (points) => points); return [all, stroke.points];",
+)
+
+
+def as_points(found: list[dict[str, Any]]) -> ControlPoints:
+    return ControlPoints.from_arrays([p["source"] for p in found], [p["target"] for p in found])
+
+
+@pytest.mark.parametrize(("share", "most"), [(0.15, 30), (0.5, 70)])
+def test_a_stroke_leaves_only_the_points_that_move_tissue(share: float, most: int) -> None:
+    tolerance = 0.5 * min(GRID.spacing)
+    way = [(MIDDLE + np.multiply(x, (share * RADIUS, 0.0, 0.0))).tolist() for x in (0.4, 1.0)]
+    data = {"pane": Pane.of(GRID, "+y").info(), "middle": MIDDLE.tolist(), "radius": RADIUS, "tool": "move"}
+    found = run_script(MODULES, THIN.replace("TOLERANCE", str(tolerance)), {**data, "steps": way})
+    whole, thin = map(as_points, found)
+    assert len(thin) < most < len(whole)
+    assert {tuple(p) for p in thin.target.tolist()} < {tuple(p) for p in whole.target.tolist()}
+    places = np.concatenate([whole.target, everywhere()[:4000]])
+    away = np.linalg.norm(np.subtract(*(fit_rbf(made).displacement(places) for made in (whole, thin))), axis=1)
+    assert away[: len(whole)].max() <= tolerance + 1e-6
+    assert away.max() < 2.2 * tolerance  # between the points of the stroke, where nothing holds it to the whole map
+    assert dets(thin, everywhere()).min() > 0.1
+
+
 @pytest.mark.parametrize(("swell", "name"), [(0.5, "grow 1"), (-0.5, "shrink 1")])
 def test_the_ball_grows_and_shrinks_in_all_directions(swell: float, name: str) -> None:
     points = stroke("grow", [0.2 * swell, swell])

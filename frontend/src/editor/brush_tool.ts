@@ -36,6 +36,8 @@ export interface BrushHost<V extends Vector> {
   begin(place: V, radius: number, tool: string): Stroke<V> | null;
   /** Show a stroke as it is now; false where it must not continue. */
   paint(stroke: Stroke<V>): boolean;
+  /** A stroke has ended, and was not cancelled. */
+  finish(stroke: Stroke<V>): void;
   end(isCancelled: boolean): void;
 }
 
@@ -188,6 +190,7 @@ export class Brush<V extends Vector = Vector> {
     const { stroke } = this;
     this.stroke = null;
     const isIdle = stroke.tool === "move" ? stroke.done === 0 : stroke.swell === 0;
+    if (!isCancelled && !isIdle) this.editor.finish(stroke);
     this.editor.end(isCancelled || isIdle);
     if (!isCancelled && !isIdle) this.editor.messages.announce(`${stroke.name} done`);
   }

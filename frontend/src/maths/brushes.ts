@@ -8,6 +8,7 @@
 import type { PaneInfo, Point, Vector, Vector2, Vector3, Vector4 } from "../types.ts";
 import { mapVector } from "./camera.ts";
 import { distance, newPoint } from "./points.ts";
+import { RbfError } from "./rbf.ts";
 import { fromPane, toPane } from "./space.ts";
 
 const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that is done in one edit
@@ -20,6 +21,7 @@ const BRUSH_RINGS = [1.1, 1.7, 2.6]; // of still points, in radii
 const BRUSH_RING = 8, // points of a ring
   BRUSH_SPHERE = 20; // and of a sphere in space, about as far apart
 const BRUSH_INNER = 0.55; // of the radius: the ring that swells or shrinks
+const AT_ONCE = 5; // of so many points one more is added before a stroke is fitted again
 const BRUSH_MOST_SWELL = 0.8; // logarithm of the largest scale in the middle
 const GOLDEN = Math.PI * (3 - Math.sqrt(5)); // the angle between the points of a spiral around a sphere
 
@@ -114,9 +116,9 @@ export class Stroke<V extends Vector> {
   /** The id of the point in the middle */
   held: number | null = null;
   isBegun = false;
-  lead = 0; // the side of a mirror that decides, for mirrorEdit
   lockedBy: Point<V> | null;
   source: (place: V) => V | null;
+  #first: number; // id of its first point
 
   constructor(
     public points: Point<V>[],
@@ -127,7 +129,7 @@ export class Stroke<V extends Vector> {
   ) {
     this.middle = middle;
     this.tool = tool;
-    this.id = id;
+    this.id = this.#first = id;
     this.number = nextStroke(points);
     const taken = points
       .filter((p) => p.active && distance(p.target, middle) < BRUSH_TAKES * radius)
@@ -209,6 +211,47 @@ export class Stroke<V extends Vector> {
       this.way = 0;
       this.source = this.around.sourceAt(this.points);
       this.#surround(false);
+    }
+  }
+
+  /**
+   * Leave out the points of this stroke without which no tissue moves by more than a tolerance. Those that stay are
+   * added a few at a time, where the map of those before is farthest from that of all.
+   * @param complete the points that are fitted, of some points of the stroke: with their mirror images
+   */
+  thin(tolerance: number, complete: (points: Point<V>[]) => Point<V>[]) {
+    const whole = this.around.sourceAt(complete(this.points));
+    let rest = this.points
+        .filter(({ id }) => id >= this.#first)
+        .map((point) => ({ point, wanted: whole(point.target) })),
+      kept = this.points.filter(({ id }) => id < this.#first);
+    while (rest.length) {
+      const now = this.#mapOf(complete(kept));
+      const away = ({ point, wanted }: (typeof rest)[number]) => {
+        const found = now(point.target);
+        return wanted && found ? distance(wanted, found) : 0;
+      };
+      const next = rest
+        .map((one) => ({ one, far: away(one) }))
+        .filter(({ far }) => far > tolerance)
+        .sort((p, q) => q.far - p.far)
+        .slice(0, Math.max(1, Math.floor(kept.length / AT_ONCE)))
+        .map(({ one }) => one);
+      if (!next.length) break;
+      rest = rest.filter((one) => !next.includes(one));
+      kept = [...kept, ...next.map(({ point }) => point)];
+    }
+    const left = new Set(rest.map(({ point }) => point));
+    this.points = this.points.filter((p) => !left.has(p));
+  }
+
+  /** The sources of some points; places themselves where so few cannot be fitted. */
+  #mapOf(points: Point<V>[]) {
+    try {
+      return this.around.sourceAt(points);
+    } catch (error) {
+      if (!(error instanceof RbfError)) throw error;
+      return (place: V) => place;
     }
   }
 

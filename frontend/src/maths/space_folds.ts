@@ -4,7 +4,7 @@ import { NEARLY_FOLDED } from "../generated.ts";
 import type { Matrix3, PaneInfo, RbfFit, SpaceMask, Vector3 } from "../types.ts";
 import { perAxis } from "./axes.ts";
 import { added, difference, dot } from "./camera.ts";
-import { RBF_KERNELS, rbfOnLattice } from "./rbf.ts";
+import { RBF_KERNELS, rbfQuadraticAt } from "./rbf.ts";
 import { maskBits } from "./regions.ts";
 import { fromPane, type SpaceFit, type SpaceFits } from "./space.ts";
 
@@ -58,12 +58,39 @@ export function detInSpace(fit: RbfFit, place: Vector3) {
   return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
 }
 
+/** The backward displacement of a fit at a place. */
+function moveInFit(fit: RbfFit, place: Vector3): Vector3 {
+  const {
+      centers: x,
+      coefficients: alpha,
+      count,
+      scales,
+      support: r,
+      origin,
+      linear,
+      constant,
+      quadratic,
+    } = fit as SpaceFit,
+    { profile } = RBF_KERNELS[fit.kernel]!,
+    at = perAxis((k) => (place[k] - origin[k]) / r),
+    [p, q, s] = at;
+  let [u, v, w] = perAxis((k) => dot(linear[k], at) + constant[k] + (quadratic ? rbfQuadraticAt(quadratic[k], at) : 0));
+  for (let k = 0, j = 0; k < count; k++, j += 3) {
+    const dp = p - x[j]!,
+      dq = q - x[j + 1]!,
+      ds = s - x[j + 2]!,
+      scale = scales ? scales[k]! * scales[k]! : 1,
+      phi = profile((dp * dp + dq * dq + ds * ds) * scale);
+    u += phi * alpha[j]!;
+    v += phi * alpha[j + 1]!;
+    w += phi * alpha[j + 2]!;
+  }
+  return [u, v, w];
+}
+
 /** The place before some fits that is seen at a place. */
 export function sourceOfFits(fits: SpaceFits, place: Vector3): Vector3 {
-  return fits.reduceRight<Vector3>((at, fit) => {
-    const [x, y, z] = rbfOnLattice(fit, { shape: [1, 1, 1], spacing: [1, 1, 1], origin: at });
-    return added(at, [x!, y!, z!]);
-  }, place);
+  return fits.reduceRight<Vector3>((at, fit) => added(at, moveInFit(fit, at)), place);
 }
 
 /** det J of fits done one after the other, at a place of the result. */
