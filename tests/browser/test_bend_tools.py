@@ -100,6 +100,31 @@ def test_a_hinge_takes_three_gestures_and_turns_rigidly(page: EditorOnPage) -> N
     assert page.js(f"{PAGE}.map.folds.least") > 0
 
 
+def test_a_turn_that_the_corners_stop_goes_on_without_them(open_editor: Any) -> None:
+    corners = ControlPoints.from_arrays(CORNERS.source, names=["corner"] * 4)
+    page = open_editor(Editor(smooth_picture(), corners))
+    use(page, "hinge")
+    stroke(page, [[70, 24], [122, 24]])
+    at = page.to_screen([100, 24])
+    page.drag([100, 24], tuple(np.array(page.to_screen([84, 56])) - at), steps=12)
+    page.wait(f"!{PAGE}.tools.foldOffers.isTrying && {PAGE}.tools.foldOffers.isShown")
+
+    def angle() -> float:
+        (a, _), (b, _) = page.editor.parts[0].motion.matrix
+        return float(np.degrees(np.arctan2(b, a)))
+
+    stopped = angle()
+    page.page.locator("[data-action=corners]").click()
+    page.wait_answered()
+    assert angle() > stopped + 5
+    assert not len(page.points)
+    assert page.js(f"{PAGE}.map.folds.least") > 0
+    page.page.keyboard.press("Control+z")
+    page.wait_answered()
+    assert angle() == pytest.approx(stopped, abs=1e-6)
+    assert page.points.ids == corners.ids
+
+
 def test_the_halves_of_a_cut_move_apart_without_bending(page: EditorOnPage) -> None:
     use(page, "cut")
     stroke(page, [[70, -20], [70, 60]])

@@ -36,6 +36,7 @@ export class FoldOffers extends DragOffers<MapState> {
     return {
       ...fitWays(make, map.reach, map.settings.stages ?? 1),
       rigid: [(share: number) => this.#rigidly(make(share))],
+      corners: [(share: number) => this.#withoutCorners(make(share))],
       points: FOLLOWERS.map((width) => (share: number) => this.#withFollowers(make(share), make(1), width)),
     };
   }
@@ -46,6 +47,16 @@ export class FoldOffers extends DragOffers<MapState> {
     if (state.shapes !== this.editor.points.shapes)
       shapeTools.edit("parts", state.shapes.parts, "move rigidly", { points: state.points });
     else pointTools.edit(state.points, "move", null, state.fit);
+  }
+
+  /** The state without the points that every step begins with, in the corners, where something else holds tissue. */
+  #withoutCorners(state: MapState): MapState | null {
+    const isAtRest = ({ source, target }: PicturePoint) => source[0] === target[0] && source[1] === target[1],
+      points = state.points.filter((p) => p.name !== "corner" || p.locked || !isAtRest(p)),
+      isHeld =
+        state.shapes.parts.some(({ enabled, motion }) => enabled && !motion) ||
+        points.some((p) => p.active && isAtRest(p));
+    return isHeld && points.length < state.points.length ? { ...state, points } : null;
   }
 
   /** The points of a state that the drag has moved, as they were. */
