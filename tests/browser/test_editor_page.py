@@ -416,6 +416,19 @@ def test_a_point_beyond_the_view_waits_at_the_rim(open_editor: Any, picture: Pic
     assert rim.locator(".dnb-ed-disc").bounding_box()["x"] < page.page.locator(".dnb-ed-stage").bounding_box()["width"]
 
 
+def test_a_disc_that_the_border_would_cut_is_drawn_whole(
+    open_editor: Any, picture: Picture, points: ControlPoints
+) -> None:
+    page = open_editor(Editor(picture, points))
+    stage = page.page.locator(".dnb-ed-stage").bounding_box()
+    a, b = page.js(f"{PAGE}.viewport.placeAt([{stage['width'] - 1}, 60])")
+    page.editor.points = points.move(1, [a, b])
+    page.page.locator("[data-id='1'].dnb-ed-outside").wait_for(state="attached")
+    disc = page.page.locator("[data-id='1'] .dnb-ed-disc").bounding_box()
+    assert disc["x"] + disc["width"] <= stage["x"] + stage["width"]
+    assert page.points.target[1] == pytest.approx([a, b])  # only its disc is moved
+
+
 def test_edits_on_their_way_are_few_and_the_last_always_arrives(
     open_editor: Any, picture: Picture, points: ControlPoints
 ) -> None:

@@ -337,7 +337,8 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     const at: Vector2 = [k * p.target[0] + x, k * p.target[1] + y],
       from: Vector2 = [k * p.source[0] + x, k * p.source[1] + y];
     const inside = [Math.min(width - RIM, Math.max(RIM, at[0])), Math.min(height - RIM, Math.max(RIM, at[1]))];
-    const isOutside = at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
+    const cut = RIM / 2, // of a disc nearer to the border too little is seen
+      isOutside = at[0] < cut || at[1] < cut || at[0] > width - cut || at[1] > height - cut;
     const shown = isOutside ? inside : at,
       { target, source, arrow } = parts;
     for (const disc of parts.discs) setAttributes(disc, { cx: shown[0]!.toFixed(2), cy: shown[1]!.toFixed(2) });
