@@ -189,7 +189,7 @@ def test_whoever_has_not_begun_hears_how_a_point_is_added(
     start = "Double-click adds a point. Drag a disc to move what is under it; ? for keys"
     assert notes(page) == start
     page.drag([52, 30], (8, 12))
-    assert notes(page) == "Double-click adds a point to drag"
+    assert notes(page) == "Double-click adds a point to drag; after A, press and drag in one go"
     page.page.get_by_role("button", name="Close this message").click()
     page.drag(points.target[4], (20, 5))
     page.page.keyboard.press("Escape")

@@ -79,7 +79,8 @@ export class Presses {
       inside: (band) => points.list.filter(({ target }) => viewport.isInside(target, band)).map((p) => p.id),
       click,
       end: () => {
-        if (points.selected.size === 0 && !points.isLocked) messages.hint("Double-click adds a point to drag", 5000);
+        if (points.selected.size === 0 && !points.isLocked)
+          messages.hint("Double-click adds a point to drag; after A, press and drag in one go", 5000);
       },
     });
   }
