@@ -1155,6 +1155,8 @@ export interface PaneContent {
   hasDepths: boolean;
   /** Rows and columns of the buffer of cuts. */
   cuts: [number, number] | null;
+  /** Rows and columns of the buffer of det J; null where nothing folds or the front end knows. */
+  dets: [number, number] | null;
 }
 
 /** A cut: the region is deformed by its own points alone. */

@@ -12,6 +12,7 @@ from browser.test_space_editor_page import PAGE, Opened, waves
 from browser.test_space_hand import AXIAL, MIDDLE, press
 from numpy.typing import NDArray
 
+from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace
@@ -65,14 +66,13 @@ def drawn(space: Opened, pane: int, test: str) -> NDArray[np.bool_]:
     return np.array(bits).reshape(-1, width)
 
 
-def dets(space: Opened, pane: int, points: ControlPoints) -> NDArray[np.float64]:
+def dets(space: Opened, pane: int, field: AbstractField) -> NDArray[np.float64]:
     """det J at the pixels of the layer over a slice; 1 beyond the slice."""
     v = space.js(f"{PAGE}.parts.row.panes[{pane}].viewport.view")
     plane = Pane.of(waves().grid, list(PANES)[pane]).plane
     rows, columns = np.mgrid[: round(v["height"] * v["ratio"]), : round(v["width"] * v["ratio"])] + 0.5
     a, b = (columns / v["ratio"] - v["x"]) / v["k"], (rows / v["ratio"] - v["y"]) / v["k"]
     depth = plane.to_plane(space.editor.cursor)[2]
-    field = FitSettings(support=25.0).fit(points)
     at = plane.from_plane(np.stack([a, b, np.full_like(a, depth)], axis=-1).reshape(-1, 3))
     found = np.linalg.det(np.eye(3) + np.asarray(field.jacobian(at))).reshape(a.shape)
     a0, a1, b0, b1, *_ = Pane.of(waves().grid, list(PANES)[pane]).box
@@ -94,7 +94,7 @@ def test_folds_are_red_on_all_slices_while_the_drag_lasts_and_after(open_editor:
     space.mouse.up()
     space.wait_settled()
     for pane in range(3):
-        det, red = dets(space, pane, space.editor.points), drawn(space, pane, RED)
+        det, red = dets(space, pane, FitSettings(support=25.0).fit(space.editor.points)), drawn(space, pane, RED)
         assert det.shape == red.shape
         assert not red[det > 0.15].any()
         assert (det <= 0).sum() == 0 or red[det < -0.15].mean() > 0.5  # the lines over it are light
@@ -148,8 +148,31 @@ def test_the_grid_bends_from_the_first_edit_on(open_editor: Any, caged: ControlP
     assert (drawn(space, AXIAL, GRID) == lines).all()
 
 
-def test_a_map_of_more_than_the_points_is_not_drawn(open_editor: Any, caged: ControlPoints) -> None:
+def test_the_grid_of_a_map_of_more_than_the_points_is_not_drawn(open_editor: Any, caged: ControlPoints) -> None:
     part = RigidPart(HalfSpace((-100.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
-    space = open_editor(options={"parts": (part,)}, show_grid=True)
+    space = open_editor(options={"parts": (part,)}, show_grid=True, overlay="none")
     space.drag(AXIAL, caged.target[8], tuple(np.array([22.0, 6.0]) * space.scale(AXIAL)))
     assert not drawn(space, AXIAL, GRID).any()
+
+
+def test_its_folds_are_those_that_python_finds(open_editor: Any, caged: ControlPoints) -> None:
+    part = RigidPart(HalfSpace((-12.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    space = open_editor(options={"parts": (part,)})
+    x, y = space.to_screen(AXIAL, caged.target[8])
+    by = np.array([22.0, 6.0]) * space.scale(AXIAL)
+    space.mouse.move(x, y)
+    space.mouse.down()
+    space.mouse.move(x + by[0], y + by[1], steps=6)
+    space.page.wait(f"{PAGE}.parts.row.panes[{AXIAL}].map.folds === 'tissue'")
+    space.mouse.up()
+    space.wait_settled()
+    space.page.wait(f"Math.max(...{PAGE}.parts.row.panes[{AXIAL}].map.sampled?.raster.shape ?? []) > 48")  # at rest
+    for pane in range(3):
+        det, red = dets(space, pane, space.editor.fit()), drawn(space, pane, RED)
+        assert not red[det > 0.4].any()
+        assert (det <= 0).sum() == 0 or red[det < -0.2].mean() > 0.5
+    assert drawn(space, AXIAL, RED).any()
+    press(space, "v")
+    assert not drawn(space, AXIAL, RED).any()
+    press(space, "v", "Control+z")
+    assert not drawn(space, AXIAL, RED).any()

@@ -40,6 +40,7 @@ from deformnb.widgets.editor.space_slices import (
     Shown,
     SpacePictures,
     cuts_on,
+    dets_on,
     slice_folds,
     tissue_mask,
 )
@@ -505,7 +506,9 @@ class SpaceEditor(EditedPoints):
                 continue
             if projection == "slice":
                 made = pictures.slice(index, field, cursor, most)
-                images[index] = replace(made, cuts=cuts_on(pane, pane.depth_of(cursor), self.cuts))
+                at, is_known = pane.depth_of(cursor), self.tissue is not None and self.direction != "forward"
+                dets = None if is_known or field is None else dets_on(pane, at, field, is_quick=is_moving)
+                images[index] = replace(made, cuts=cuts_on(pane, at, self.cuts), dets=dets)
             else:
                 images[index] = pictures.projection(index, field, projection, is_quick=is_moving)
             self.sender.sent[index] = key

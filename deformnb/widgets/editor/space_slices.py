@@ -15,7 +15,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.analysis.folds import Folds, find_folds
+from deformnb.analysis.folds import Folds, find_folds, jacobian_determinant
 from deformnb.checks import check_window
 from deformnb.document.json_regions import region_to_data
 from deformnb.imaging.projection import project
@@ -44,6 +44,7 @@ _LARGEST_SIDE = 2048
 _FOLD_NODES, _QUICK_FOLD_NODES = 24, 12  # at rest, and while points move: a few milliseconds
 _SHAPE_PIXELS = 192  # along the longer side, of cuts on a slice
 _FLAT, _FAINT = 0.1, 0.15  # a cut that leaves a slice no faster, by length, covers much of it and is tinted as faintly
+_DETS, _QUICK_DETS = 96, 48  # along the longer side of a slice, of det J at rest and while something moves
 _OPAQUE = 0.5  # accumulated in front of a place: there the surface of a composite picture is
 
 
@@ -136,12 +137,14 @@ class Shown:
     raster : of its pixels.
     depths : of projections, the depth that is seen at each pixel, float32 (nv, nu).
     cuts : of slices, uint8 (n, m) over the same box: how much of each place is on a cut.
+    dets : of slices that fold, det J at the middles of (n, m) pixels over the same box, where no front end knows it.
     """
 
     values: NDArray[np.uint8]
     raster: Raster
     depths: NDArray[np.float32] | None = None
     cuts: NDArray[np.uint8] | None = None
+    dets: NDArray[np.float32] | None = None
 
     def message(self) -> tuple[dict[str, Any], list[bytes]]:
         """Message about the pane, and its buffers."""
@@ -153,8 +156,9 @@ class Shown:
             "channels": 1 if self.values.ndim == 2 else 3,
             "hasDepths": self.depths is not None,
             "cuts": None if self.cuts is None else list(self.cuts.shape),
+            "dets": None if self.dets is None else list(self.dets.shape),
         }
-        parts = [self.values, None if self.depths is None else self.depths.astype("<f4"), self.cuts]
+        parts = [self.values, None if self.depths is None else self.depths.astype("<f4"), self.cuts, self.dets]
         return about, [np.ascontiguousarray(part).tobytes() for part in parts if part is not None]
 
 
@@ -247,6 +251,12 @@ def cuts_on(pane: Pane, depth: float, cuts: Sequence[Cut]) -> NDArray[np.uint8] 
         strength = np.where(np.hypot(rows, columns) > _FLAT, 1.0, _FAINT)
         shares = np.maximum(shares, strength * np.clip(1.3 - np.abs(far) / pixel, 0, 1))
     return (shares * 255 + 0.5).astype(np.uint8)
+
+
+def dets_on(pane: Pane, depth: float, field: AbstractField, *, is_quick: bool) -> NDArray[np.float32] | None:
+    """det J on a slice, float32 (n, m); None if it folds nowhere there."""
+    found = jacobian_determinant(field, pane.lattice(depth, _QUICK_DETS if is_quick else _DETS))[0]
+    return None if found.min() > 0 else np.asarray(found, dtype="<f4")
 
 
 def tissue_mask(volume: Volume) -> dict[str, Any]:

@@ -267,12 +267,19 @@ class PaneContent(Struct, frozen=True, kw_only=True):
         list[int] | None,
         Meta(description="rows and columns of the buffer of cuts", extra={"typescript": "[number, number]"}),
     ]
+    dets: Annotated[
+        list[int] | None,
+        Meta(
+            description="rows and columns of the buffer of det J; null where nothing folds or the front end knows",
+            extra={"typescript": "[number, number]"},
+        ),
+    ]
 
 
 class Pictures(Message, frozen=True, kw_only=True, tag="pictures"):
     """The slices or projections that have changed."""
 
-    binary: ClassVar[Buffers] = Buffers("of each pane its pixels, and depths and cuts where it has some", None)
+    binary: ClassVar[Buffers] = Buffers("of each pane its pixels, and depths, cuts and det J where it has some", None)
 
     seq: Annotated[int, Meta(description="number, to be confirmed by seen unless it is 0")]
     view: Views

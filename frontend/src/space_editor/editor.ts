@@ -8,6 +8,7 @@ import { NamePrompt } from "../editor/name_prompt.ts";
 import { OVERLAYS } from "../editor/overlays.ts";
 import { offerTools } from "../editor/view_tools.ts";
 import type { Pictures, SlicesMoved, SpaceEditorToFrontEnd } from "../generated.ts";
+import { SampledDets } from "../maths/sampled_dets.ts";
 import { busOf } from "../sync/bus.ts";
 import { type Change, setTrait } from "../sync/edits.ts";
 import type { Model, ModelHandler, PointsDetail } from "../types.ts";
@@ -372,7 +373,10 @@ export class SpaceEditorView extends EditorDrawing {
     for (const pane of panes) {
       const pixels = next(),
         depths = pane.hasDepths ? new Float32Array(next().slice().buffer) : null;
-      row.panes[pane.index]!.image.take(pane, pixels, depths, pane.cuts ? next() : null);
+      const { image, info, map } = row.panes[pane.index]!;
+      image.take(pane, pixels, depths, pane.cuts ? next() : null);
+      const dets = pane.dets && new Float32Array(next().slice().buffer);
+      map.sampled = pane.dets && dets && new SampledDets(pane.dets, dets, info.box);
     }
     status.facts = { folds: status.facts.folds, worst: status.facts.worst, ...facts };
     this.frames.drawNow();

@@ -1,8 +1,10 @@
-// The map over one of the three slices: the grid that bends with the tissue, and folds.
+// The map over one of the three slices: the grid that bends with the tissue, and folds. Where the map is of more than
+// points, folds are those that Python has found.
 
-import { drawFolds, hatchPattern } from "../editor/fold_drawing.ts";
+import { drawFolds, type FoldPieces, hatchPattern } from "../editor/fold_drawing.ts";
 import { context2d, drawGrid, type View } from "../editor/painter.ts";
 import { isStill } from "../maths/rigid_stages.ts";
+import type { SampledDets } from "../maths/sampled_dets.ts";
 import { SliceMap } from "../maths/space_slice.ts";
 import type { PaneInfo, Raster, Vector4 } from "../types.ts";
 import { pageElement } from "../ui/dom.ts";
@@ -21,6 +23,8 @@ export class PaneMap {
   folds: "none" | "air" | "tissue" = "none";
   #context: CanvasRenderingContext2D;
   #hatch: string | CanvasPattern;
+  /** det J on the slice, of a map that is known to Python alone; null where nothing folds. */
+  sampled: SampledDets | null = null;
   #drawn: unknown[] = []; // all that the canvas depends on
   #isUsed = false; // whether there is anything on it
 
@@ -51,8 +55,10 @@ export class PaneMap {
       depth = cursor.depthIn(pane),
       cells: number = model.get("show_grid") ? model.get("density") : 0,
       marksFolds = model.get("overlay") !== "none",
+      sampled = marksFolds && cursor.isSlice && !map.isKnown && !model.get("shows_original") ? this.sampled : null,
       key = [
         fits,
+        sampled,
         fits && depth,
         fits && isMoving,
         pane,
@@ -65,6 +71,7 @@ export class PaneMap {
     this.#drawn = key;
     this.#clear();
     this.folds = "none";
+    if (sampled) this.#drawPieces(sampled.folds, view, false);
     const part = visiblePart(view, pane);
     if (!fits || fits.every(isStill) || !part || !(cells || marksFolds)) return;
     const slice = new SliceMap(fits, pane, depth),
@@ -92,7 +99,11 @@ export class PaneMap {
   #drawFolds(slice: SliceMap, raster: Raster, view: View, work: number) {
     const pieces = slice.folds(raster, work);
     if (!pieces) return;
-    const isInAir = !slice.hasTissue(pieces.fill, this.editor.map.isTissue);
+    this.#drawPieces(pieces, view, !slice.hasTissue(pieces.fill, this.editor.map.isTissue));
+  }
+
+  #drawPieces(pieces: FoldPieces, view: View, isInAir: boolean) {
+    if (!pieces.fill.length) return;
     this.folds = isInAir ? "air" : "tissue";
     drawFolds(this.#context, view, pieces, isInAir, this.#hatch);
     this.#isUsed = true;

@@ -16,6 +16,7 @@ from scipy import ndimage
 from scripts import run_script
 from waiting import PATIENCE, wait_for
 
+from deformnb.analysis.folds import jacobian_determinant
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_regions import part_to_data
 from deformnb.errors import DeformError
@@ -353,6 +354,23 @@ def test_a_cut_is_sent_with_its_slices(volume: Volume, editor: SpaceEditor) -> N
     content, buffers = pictures(editor)
     assert len(buffers) == 6
     assert [len(b) for b in buffers[1::2]] == [p["cuts"][0] * p["cuts"][1] for p in content["panes"]]
+
+
+@pytest.mark.parametrize("has_part", [False, True])
+def test_det_j_is_sent_where_no_front_end_knows_the_map(editor: SpaceEditor, has_part: bool) -> None:
+    here = np.asarray(editor.volume.grid.center)
+    editor.change(trend="none", support=12.0)
+    editor.parts = (RigidPart(HalfSpace((0.0, 0.0, -9.0), (0.0, 0.0, 1.0))),) if has_part else ()
+    editor.points = ControlPoints.from_arrays([here, here + np.array([3, 0, 0])]).move(0, here + np.array([9, 0, 0]))
+    receive(editor, {"type": "hello", "view": "v"})
+    content, buffers = pictures(editor)
+    axial = content["panes"][0]
+    assert (axial["dets"] is not None) is has_part
+    if has_part:
+        pane = Pane.of(editor.volume.grid, "+z")
+        expected = jacobian_determinant(editor.field(), pane.lattice(pane.depth_of(editor.cursor), 96))[0]
+        np.testing.assert_allclose(np.frombuffer(buffers[1], "<f4").reshape(axial["dets"]), expected, atol=1e-5)
+        assert expected.min() <= 0
 
 
 # ---- rigid parts -----------------------------------------------------------------------------------------------------
