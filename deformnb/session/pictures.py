@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import traitlets
 
-from deformnb._typing import Progress
+from deformnb._typing import Floats, Progress
 from deformnb.checks import check_choice, check_window
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
@@ -24,9 +24,11 @@ from deformnb.volume.clip import Clip, framed_box
 from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.plane import Picture, Plane, Slices
 from deformnb.volume.transfer import TransferFunction, preset
-from deformnb.volume.volume import Volume
-from deformnb.warping.foreground import foreground_shares
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.foreground import coarse_tissue, foreground_shares
 from deformnb.warping.warper import warp_all
+
+_SUBJECT_VOXELS = 32  # along an axis at most, of the foreground that is projected on an oblique picture
 
 
 @dataclass(frozen=True)
@@ -251,10 +253,28 @@ class Pictures(traitlets.HasTraits):
 
     @property
     def subject_box(self) -> tuple[float, float, float, float]:
-        """The box (a0, a1, b0, b1) on the picture of the part of the volume that holds its foreground."""
-        corners = self._editing.plane.to_plane(framed_box(self._volume.grid, None, self.frame).corners())[:, :2]
-        (a0, b0), (a1, b1) = corners.min(axis=0), corners.max(axis=0)
+        """The box (a0, a1, b0, b1) on the picture of the part of the volume that holds its foreground.
+
+        The corners of that part lie outside the foreground: on a picture along no axis of the volume, far outside.
+        There the foreground itself is projected.
+        """
+        plane, grid = self._editing.plane, self._volume.grid
+        is_along_an_axis = np.abs(np.asarray(grid.direction).T @ plane.normal).max() > 1 - 1e-6
+        places = framed_box(grid, None, self.frame).corners() if is_along_an_axis else self._framed_tissue
+        on_plane = plane.to_plane(places)[:, :2]
+        (a0, b0), (a1, b1) = on_plane.min(axis=0), on_plane.max(axis=0)
         return float(a0), float(a1), float(b0), float(b1)
+
+    @cached_property
+    def _framed_tissue(self) -> Floats:
+        """Corners (n, 3) of the coarse foreground's voxels in the framed part, or of that part where there are none."""
+        box, tissue = framed_box(self._volume.grid, None, self.frame), coarse_tissue(self._volume, _SUBJECT_VOXELS)
+        index = np.argwhere(tissue.values)[:, ::-1] + np.indices((2, 2, 2)).reshape(3, 8, 1).transpose(1, 2, 0) - 0.5
+        assert isinstance(tissue.lattice, Grid)
+        places = tissue.lattice.index_to_point(index.reshape(-1, 3))
+        at = box.point_to_index(places)
+        places = places[((at >= -0.5) & (at <= np.array(box.shape[::-1]) - 0.5)).all(axis=1)]
+        return places if len(places) else box.corners()
 
     # -- channels ------------------------------------------------------------------------------------------------------
 

@@ -44,6 +44,31 @@ def drag(session: Session, by: tuple[float, float] = (1.5, -0.8)) -> None:
     session.editing.edit_points(session.editing.points.add(middle, middle + by))
 
 
+def test_the_subject_of_an_oblique_picture_is_what_is_seen_of_it() -> None:
+    z, y, x = np.indices((60, 70, 80))
+    middle, radius = np.array([48.0, 30.0, 25.0]), 14.0
+    inside = (x - middle[0]) ** 2 + (y - middle[1]) ** 2 + (z - middle[2]) ** 2 < radius**2
+    direction = Rotation.from_euler("zyx", [20, -10, 5], degrees=True).as_matrix()
+    grid = Grid(inside.shape, (1.0, 1.0, 1.0), (300.0, -40.0, 5.0), tuple(map(tuple, direction.tolist())))
+    session = Session(Volume(inside.astype(np.uint8) * 200, grid, "ball"))
+    session.edit_view(DIRECTION, UP)
+    a, b, _ = session.editing.plane.to_plane(grid.index_to_point(middle))
+    expected = (a - radius, a + radius, b - radius, b + radius)
+    assert_allclose(session.pictures.subject_box, expected, atol=4)  # a voxel of the coarse foreground is 3 wide
+    session.edit_view(direction @ [0.0, 1.0, 0.0], direction @ [0.0, 0.0, 1.0])
+    a, b, _ = session.editing.plane.to_plane(grid.index_to_point(middle))
+    expected = (a - radius, a + radius, b - radius, b + radius)
+    assert_allclose(session.pictures.subject_box, expected, atol=4)
+
+
+def test_the_subject_of_an_empty_volume_is_its_box() -> None:
+    session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID, "empty"))
+    session.edit_view(DIRECTION, UP)
+    corners = session.editing.plane.to_plane(GRID.corners())[:, :2]
+    expected = np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1).ravel()
+    assert_allclose(session.pictures.subject_box, expected)
+
+
 # -- planes from cameras -----------------------------------------------------------------------------------------------
 
 
