@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -286,3 +287,28 @@ def test_in_space_fingers_scroll_tap_and_select(page: LivePage) -> None:
     space.wait_settled()
     assert space.js(f"[{SPACE}.parts.modes.isSelecting, {SPACE}.parts.points.selected.size]") == [False, 3]
     space.editor.close()
+
+
+@pytest.mark.parametrize("width", [390, 820])
+def test_the_options_of_a_tool_are_one_line_whose_buttons_fingers_reach(
+    browser: Any, picture: Picture, points: ControlPoints, width: int
+) -> None:
+    context = browser.new_context(viewport={"width": width, "height": 700}, has_touch=True, is_mobile=True)
+    phone = SimpleNamespace(new_page=lambda viewport: context.new_page())
+    page = EditorOnPage(phone, Editor(picture, points, wand={"region": None, "pieces": 2}))
+    try:
+        page.js(f"{{ {PAGE}.commands.run('wand', null); }}")
+        bar = page.page.locator(".dnb-ed-wand-bar")
+        bar.wait_for()
+        assert bar.bounding_box()["height"] <= 50
+        for part in bar.locator("button, select, label, input[type=range]").all():
+            part.scroll_into_view_if_needed()
+            box, around = part.bounding_box(), bar.bounding_box()
+            assert round(box["height"]) >= 44
+            assert round(box["width"]) >= 44
+            assert around["x"] <= box["x"] + 1
+            assert box["x"] + box["width"] <= around["x"] + around["width"] + 1
+        assert page.errors == []
+    finally:
+        page.close()
+        context.close()

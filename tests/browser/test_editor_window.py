@@ -253,6 +253,7 @@ def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(
     mask = Mask(picture.values > 100, picture.raster)
     editor.wand = {"region": region_to_data(mask), "words": "100 to 200", "share": 1.0}
     page.wait("document.querySelector('.dnb-ed-wand-line').getAttribute('d').length > 10")
+    assert message_text(page.page) == "100 to 200"
     inside = """([x, y]) => { const fill = document.querySelector('.dnb-ed-wand-fill');
         return fill.isPointInFill(new DOMPoint(x, y)); }"""
     box = page.page.locator(".dnb-ed-svg").bounding_box()

@@ -47,7 +47,6 @@ export class Wand {
   part: HTMLButtonElement;
   cut: HTMLButtonElement;
   changes: WandChanges;
-  words: HTMLSpanElement;
 
   isOn = false;
 
@@ -73,13 +72,12 @@ export class Wand {
       this.stop();
       editor.stage.focus();
     };
-    this.bar.button("Done", "Done", done, "put the wand away");
-    const { bar } = this;
-    this.changes = new WandChanges(bar, () => this.#applyChange());
+    const { bar } = this,
+      outline = "cut along the outline of the selection"; // what most need comes first: on a phone the rest is scrolled
     this.part = bar.button("Make rigid part", "Make rigid part", () => this.#make("part"), "keep the selection rigid");
-    const outline = "cut along the outline of the selection";
     this.cut = bar.button("Make cut", "Make cut", () => this.#make("cut"), outline);
-    this.words = bar.text("dnb-ed-wand-words", { role: "status" });
+    bar.button("Done", "Done", done, "put the wand away");
+    this.changes = new WandChanges(bar, () => this.#applyChange());
   }
 
   /** Python's answer; empty where nothing is selected. */
@@ -181,6 +179,8 @@ export class Wand {
       { region = null, words = "", share = 1, failed = false, pieces = 1 } = answer;
     this.bar.element.hidden = !isOn;
     this.outline.root.setAttribute("visibility", isOn ? "visible" : "hidden");
+    const said = words && share < 1 ? `${words} ${Math.round(100 * share)} %` : words;
+    editor.messages.set("wand", isOn ? said : "", { kind: failed ? "warning" : "info" });
     if (!isOn) return;
     const paths = region ? shapePaths(region, editor.viewport.view, 0) : { line: "", inside: "" };
     setAttributes(this.outline.fill, { d: paths.inside });
@@ -190,8 +190,6 @@ export class Wand {
     });
     const { unit = "" } = editor.picture.painter.source?.grey ?? {};
     setText(this.tolerated, `\u00b1 ${formatLength(this.tolerance)}${unit ? ` ${unit}` : ""}`);
-    setText(this.words, words && share < 1 ? `${words} ${Math.round(100 * share)} %` : words || "Click on the picture");
-    this.words.classList.toggle("dnb-ed-wand-failed", failed);
     for (const button of [this.part, this.cut]) button.disabled = !region;
     this.changes.show(pieces);
   }
