@@ -505,7 +505,7 @@ def test_the_status_line_has_room_for_its_advice_and_moves_nothing(browser: Any,
         )
 
     add("parts", {"kind": "polygon", "vertices": [[22, 20], [26, 20], [26, 24]]})
-    page.locator(".dnb-studio-start").wait_for(state="hidden")  # the examples go with the first edit
+    page.locator(".dnb-studio-start > *").first.wait_for(state="hidden")  # the examples go with the first edit
     stage = box_at_rest(page.locator(".dnb-ed-stage").first)
 
     def look() -> None:
