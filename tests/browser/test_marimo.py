@@ -38,7 +38,7 @@ def _():
     studio = Studio(volume, start, side="+y", transfer="surface", height=300)
     studio.editor.density = 0
     studio.view.background = "dark"
-    studio.view.set_camera((0, 1, 0))
+    studio.view.set_camera((0, 1, 0), zoom=0.6)  # all of the ball stays in the picture
     studio
     return mo, studio
 
@@ -125,7 +125,7 @@ def test_a_drag_moves_picture_and_volume_and_python_knows(marimo_page: Any) -> N
     marimo_page.mouse.up()
     on_picture, in_volume = moved(marimo_page, canvas, 190, start[0]), moved(marimo_page, volume, 110, start[1])
     assert on_picture == pytest.approx([45, -30], abs=8)  # the ball is a little smaller than the reach of its point
-    assert in_volume[0] > 15
+    assert in_volume[0] > 10
     assert in_volume[0] / in_volume[1] == pytest.approx(-45 / 30, rel=0.2)
     for _ in range(60):
         marimo_page.get_by_role("button", name="What does Python know?").click()
