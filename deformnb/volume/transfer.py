@@ -20,6 +20,8 @@ BINS = 256
 # A range that all but 1 in 10 000 voxels (one at least) fill by less than a sixteenth is not theirs: a hot voxel, or a
 # marker. Below 512 voxels a single one counts.
 OUTLIERS, STRETCH, FEW_VOXELS = 1e-4, 16, 512
+# The share of the voxels below the edge of tissue that is taken for air, and of that range what is air in any case.
+AIR_SHARE, NEAR_AIR = 0.97, 0.2
 # Entries between neighbouring bytes, at most, in a front end's table: 255 * 8 + 1 = 2041 fit into the smallest texture
 # that WebGL2 allows, 2048.
 FINEST = 8
@@ -402,6 +404,8 @@ def _may_have_outliers(volume: Volume) -> bool:
 class _Measured:
     range: tuple[float, float]
     levels: tuple[float, float, float, float]
+    air_end: float
+    """The end of the values of air: up to the edge of tissue there are thin parts such as fins."""
 
 
 _MEASURED: WeakKeyDictionary[Volume, _Measured] = WeakKeyDictionary()
@@ -411,10 +415,10 @@ def _measure(volume: Volume) -> _Measured:
     if volume not in _MEASURED:
         low, high = smallest_measurement(volume), volume.value_range[1]
         if high <= low:
-            _MEASURED[volume] = _Measured((low, low), (low, low, low, low))
+            _MEASURED[volume] = _Measured((low, low), (low, low, low, low), low)
         else:
             found = _typical(volume, histogram(volume, low, high))
-            _MEASURED[volume] = _Measured((found.low, found.high), _levels(found))
+            _MEASURED[volume] = _Measured((found.low, found.high), _levels(found), _air_end(found))
     return _MEASURED[volume]
 
 
@@ -455,6 +459,13 @@ def _levels(found: Histogram) -> tuple[float, float, float, float]:
     second = first + 1 + _otsu(counts[first + 1 :]) if counts[first + 1 :].sum() else first
     top = int(np.flatnonzero(np.cumsum(counts[::-1]) > 1e-4 * counts[first + 1 :].sum())[0])
     return low, float(middle[first]), float(middle[second]), float(middle[BINS - 1 - top])
+
+
+def _air_end(found: Histogram) -> float:
+    """The value that nearly all voxels below the edge between air and tissue are below; some way from the lowest."""
+    below = found.counts[: _otsu(found.counts) + 1]
+    last = int(np.searchsorted(np.cumsum(below), AIR_SHARE * below.sum()))
+    return found.low + max(last + 1, NEAR_AIR * len(below)) * ((found.high - found.low) / BINS)
 
 
 def otsu_threshold(values: NDArray[np.float64]) -> float:
@@ -535,20 +546,20 @@ def specimen(volume: Volume) -> TransferFunction:
             ],
             [0.0, 0.0, 0.008, 0.01, 0.03, 0.22, 0.6, 0.9],
         )
-    body = air + 0.35 * (dense - air)
-    return _function(
-        volume,
-        [low, air, body, dense, dense + 0.35 * (high - dense), high],
-        [
-            (0.55, 0.28, 0.18),
-            (0.62, 0.33, 0.2),
-            (0.86, 0.55, 0.38),
-            (0.98, 0.86, 0.66),
-            (1.0, 0.96, 0.86),
-            (1.0, 1.0, 0.97),
-        ],
-        [0.0, 0.0, 0.016, 0.045, 0.45, 0.9],
-    )
+    body, end = air + 0.35 * (dense - air), _measure(volume).air_end
+    values = [air, body, dense, dense + 0.35 * (high - dense), high]
+    colors = [
+        (0.62, 0.33, 0.2),
+        (0.86, 0.55, 0.38),
+        (0.98, 0.86, 0.66),
+        (1.0, 0.96, 0.86),
+        (1.0, 1.0, 0.97),
+    ]
+    skin = (0.55, 0.28, 0.18)
+    if end > air - 0.3 * (air - low):  # noise reaches the edge of tissue
+        return _function(volume, [low, *values], [skin, *colors], [0.0, 0.0, 0.03, 0.045, 0.45, 0.9])
+    # Fins, legs and antennae are thinner than a voxel here and there, and fainter than the edge.
+    return _function(volume, [low, end, *values], [skin, skin, *colors], [0.0, 0.0, 0.03, 0.03, 0.045, 0.45, 0.9])
 
 
 def bone(volume: Volume) -> TransferFunction:

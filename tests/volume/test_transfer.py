@@ -488,3 +488,17 @@ def test_a_window_rises(window: Any) -> None:
 def test_nodes_at_one_value_have_no_window_to_stretch() -> None:
     with pytest.raises(DeformError, match="no width"):
         TransferFunction(((5, 1, 1, 1),), ((5, 0.5),)).windowed(0, 1)
+
+
+@pytest.mark.parametrize("noise", [0, 8])
+def test_the_specimen_shows_fins_thinner_than_a_voxel_and_no_noise_of_air(noise: int) -> None:
+    values = np.random.default_rng(0).integers(0, noise + 1, (40, 40, 40))
+    values[10:30, 10:30, 10:30] = 120
+    values[14:26, 14:26, 14:26] = 240
+    values[20, 20, 30:38] = 30  # a quarter of the body: below the edge between air and tissue
+    volume = Volume.from_array(values.astype(np.uint8))
+    _, edge, _, _ = levels(volume)
+    assert edge > 30
+    alphas = preset("specimen", volume)([noise, 30, 120])[:, 3]
+    assert alphas[0] == 0
+    assert 0 < alphas[1] <= alphas[2]
