@@ -375,7 +375,7 @@ def test_without_webgl_a_still_picture_is_shown_and_the_editor_works(open_page: 
     assert page.page.is_visible(".dnb-page-alert")
     assert "no WebGL2" in page.page.text_content(".dnb-page-alert")
     assert page.page.is_disabled("select[name=shows]")
-    for part in (".dnb-progress", ".dnb-messages"):  # which a still would cover
+    for part in (".dnb-progress", ".dnb-view-pane .dnb-messages"):  # which a still would cover
         assert page.page.is_hidden(part)
     shown = _decoded(
         page.js("""(() => { const image = document.querySelector('.dnb-still'),
