@@ -56,7 +56,7 @@ from deformnb.widgets.messages.editors import (
     SlicesMoved,
 )
 from deformnb.widgets.messages.record import Seen
-from deformnb.widgets.messages.shapes import ShapesTrait
+from deformnb.widgets.messages.shapes import Shapes, ShapesTrait
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.view.transport import Pacer
 from deformnb.widgets.worker import Worker
@@ -428,7 +428,7 @@ class SpaceEditor(EditedPoints):
                 seq=message.seq,
                 what="parts",
                 kind="add rigid part",
-                shapes=(*self.parts, RigidPart(region)),
+                shapes=Shapes((*self.parts, RigidPart(region))),
             )
         super()._take(message)
         if drawn and len(self.parts) > count:
@@ -485,12 +485,12 @@ class SpaceEditor(EditedPoints):
                 raise
             _LOG.exception("pictures could not be made")
             images, facts = {}, {"note": f"The pictures could not be made: {error}", "isBad": True}
-        descriptions, parts = [], []
+        descriptions, sent = [], []
         for index, shown in images.items():
             about, buffers = shown.message()
             descriptions.append({"index": index, **about})
-            parts += buffers
-        self.post(Pictures(seq=number, view=view, panes=descriptions, facts=facts), parts)
+            sent += buffers
+        self.post(Pictures(seq=number, view=view, panes=descriptions, facts=facts), sent)
         if is_moving:
             self.sender.note(time.monotonic() - start)
 

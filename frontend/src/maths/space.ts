@@ -155,7 +155,7 @@ function shiftWords(way: Vector3) {
     Math.abs(way[k]) < 0.05 ? "" : `${formatLength(Math.abs(way[k]))} ${SIDES[k][way[k] > 0 ? 0 : 1]}`,
   );
   const shown = parts.filter(Boolean);
-  return shown.length ? `dragged ${shown.join(", ")}` : "not dragged";
+  return shown.length ? `dragged by ${shown.join(", ")}` : "not dragged";
 }
 
 /** The label of a point in a picture for screen readers. */
