@@ -13,6 +13,9 @@ export type Band = { x: number; y: number; width: number; height: number };
 
 /** A gesture under way; places are in CSS pixels of the view. */
 export abstract class Gesture {
+  /** Whether the page must not scroll while a finger makes it. */
+  readonly keepsPage: boolean = true;
+
   from: Vector2;
 
   /** The last place of the pointer. */
@@ -65,8 +68,18 @@ abstract class ClickGesture extends Gesture {
   release(_isCancelled: boolean) {}
 }
 
+/**
+ * Keep a page from scrolling under a finger that drags something. The first movement decides, not the press: a tap stays
+ * a click. The property touch-action of a part of an SVG does not do it.
+ */
+export function keepPage(event: TouchEvent, gesture: Gesture | null) {
+  if (event.cancelable && gesture?.keepsPage) event.preventDefault();
+}
+
 /** A drag that moves the view. */
 export class PanGesture extends ClickGesture {
+  override readonly keepsPage = false; // where the stage lets the page scroll
+
   constructor(
     from: Vector2,
     private readonly viewport: Viewport,
@@ -82,6 +95,8 @@ export class PanGesture extends ClickGesture {
 
 /** A finger while the editor has no focus: its drag belongs to the host page, which may scroll. */
 export class TapGesture extends ClickGesture {
+  override readonly keepsPage = false;
+
   constructor(
     from: Vector2,
     private readonly advise: () => void,

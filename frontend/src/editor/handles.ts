@@ -93,13 +93,6 @@ export class WheelSteps {
   }
 }
 
-/** Prevent fingers on draggable elements from scrolling the page: touch-action of a part of an SVG does not. */
-export function preventScrolling(event: TouchEvent) {
-  const { target } = event,
-    held = "[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip, " + ".dnb-ed-chosen, [data-motion]";
-  if (event.cancelable && target instanceof Element && target.closest(held)) event.preventDefault();
-}
-
 /** A path of absolute commands, moved to a place: a transform of each point would cost every frame its share. */
 export function pathAt(path: string, x: number, y: number) {
   return path.replace(/([MLHVAZ])([^MLHVAZ]*)/g, (_, command: string, given: string) => {

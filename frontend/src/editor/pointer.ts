@@ -2,9 +2,8 @@
 
 import type { Vector2 } from "../types.ts";
 import { slackOf } from "../ui/dom.ts";
-import { type Gesture, PanGesture } from "./gesture.ts";
+import { type Gesture, keepPage, PanGesture } from "./gesture.ts";
 import { PinchGesture } from "./gestures.ts";
-import { preventScrolling } from "./handles.ts";
 import type { EditorParts } from "./parts.ts";
 
 /** Dependencies of the pointers on the editor. */
@@ -18,7 +17,7 @@ export type PointerEditor = EditorParts<
 /**
  * Pointers. The mouse drags points, draws a band or, with space or the middle button, moves the view. One
  * finger drags points and moves the view, or draws a band while several are selected; two fingers move and zoom it.
- * Until the editor has the focus, a finger scrolls the host page.
+ * Until the editor has the focus, a finger beside what can be dragged scrolls the host page.
  */
 export class Gestures {
   /** Places of the pointers that are down. */
@@ -27,8 +26,6 @@ export class Gestures {
   gesture: Gesture | null = null;
 
   kind = "mouse"; // of the pointer that went down last
-
-  isOthers = false; // whether its press belongs to the host page
 
   isSpaceDown = false;
 
@@ -52,14 +49,7 @@ export class Gestures {
     );
     frames.listen(svg, "dblclick", (e) => editor.tools.clicks.doubleClick(e), options);
     frames.listen(svg, "contextmenu", (e) => this.#contextMenu(e), options);
-    frames.listen(
-      svg,
-      "touchstart",
-      (e) => {
-        if (this.isOthers) preventScrolling(e);
-      },
-      { signal, passive: false },
-    );
+    frames.listen(svg, "touchmove", (e) => keepPage(e, this.gesture), { signal, passive: false });
     frames.listen(
       root,
       "keyup",
@@ -92,7 +82,7 @@ export class Gestures {
     const at = stage.placeOf(event);
     this.pointers.set(event.pointerId, at);
     this.kind = event.pointerType || "mouse";
-    this.isOthers = this.kind === "touch" && !stage.isInUse; // before this press gives it the focus
+    const isOthers = this.kind === "touch" && !stage.isInUse; // before this press gives it the focus
     stage.svg.setPointerCapture(event.pointerId);
     if (this.pointers.size === 2 && !this.gesture?.isHolding) {
       this.cancel();
@@ -101,7 +91,7 @@ export class Gestures {
     }
     if (this.gesture) return;
     event.preventDefault();
-    const { isOthers, isSpaceDown, kind } = this;
+    const { isSpaceDown, kind } = this;
     this.gesture = tools.presses.begin({ event, at, isOthers, isSpaceDown, isFinger: kind === "touch" });
     stage.element.classList.toggle("dnb-ed-panning", this.gesture instanceof PanGesture && this.kind !== "touch");
   }

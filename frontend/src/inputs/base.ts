@@ -164,14 +164,7 @@ export function listenToDrags<T>(
     handler.drop(grabbed, isCancelled, isPress);
   };
   // A finger on a node must not scroll the page; touch-action of a part of an SVG does not prevent that.
-  view.listen(
-    target,
-    "touchstart",
-    (event) => {
-      if (targetOf(event).closest(".dnb-cv-node, .dnb-cv-grip") && !view.isReadOnly) event.preventDefault();
-    },
-    { passive: false },
-  );
+  view.listen(target, "touchmove", (event) => held && event.cancelable && event.preventDefault(), { passive: false });
   view.listen(target, "pointerdown", (event) => {
     if (held || event.button !== 0) return;
     const grabbed = handler.press(event);

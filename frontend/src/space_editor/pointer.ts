@@ -1,9 +1,9 @@
 // Pointer and wheel over a picture of the editor in space: which gesture a press begins.
 
 import type { Gesture, GrabbedPoint } from "../editor/gesture.ts";
-import { BandGesture, PanGesture, PointsGesture, TapGesture, TurnGesture } from "../editor/gesture.ts";
+import { BandGesture, keepPage, PanGesture, PointsGesture, TapGesture, TurnGesture } from "../editor/gesture.ts";
 import { BrushGesture, PartGesture } from "../editor/gestures.ts";
-import { isRightClick, preventScrolling, WheelSteps } from "../editor/handles.ts";
+import { isRightClick, WheelSteps } from "../editor/handles.ts";
 import { shapeGrip } from "../editor/hit_test.ts";
 import type { PartHandle } from "../editor/motion_handles.ts";
 import type { Chosen } from "../editor/shape_handles.ts";
@@ -64,7 +64,7 @@ export class PaneGestures {
     frames.listen(svg, "pointerleave", () => this.#leave(), options);
     frames.listen(svg, "dblclick", (e) => this.#doubleClick(e), options);
     frames.listen(svg, "contextmenu", (e) => this.#contextMenu(e), options);
-    frames.listen(svg, "touchstart", (e) => this.isOthers && preventScrolling(e), active);
+    frames.listen(svg, "touchmove", (e) => keepPage(e, this.gesture), active);
     frames.listen(stage, "wheel", (e) => this.#wheel(e), active);
     const forget = () => {
       this.box = null;
