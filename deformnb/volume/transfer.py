@@ -20,8 +20,9 @@ BINS = 256
 # A range that all but 1 in 10 000 voxels (one at least) fill by less than a sixteenth is not theirs: a hot voxel, or a
 # marker. Below 512 voxels a single one counts.
 OUTLIERS, STRETCH, FEW_VOXELS = 1e-4, 16, 512
-# The share of the voxels below the edge of tissue that is taken for air, and of that range what is air in any case.
-AIR_SHARE, NEAR_AIR = 0.97, 0.2
+# The share of the voxels below the edge of tissue that is taken for air; of the range up to that edge what is air in
+# any case, and what is no thin part where air reaches it.
+AIR_SHARE, NEAR_AIR, NEAR_TISSUE = 0.97, 0.2, 0.3
 # Entries between neighbouring bytes, at most, in a front end's table: 255 * 8 + 1 = 2041 fit into the smallest texture
 # that WebGL2 allows, 2048.
 FINEST = 8
@@ -556,7 +557,7 @@ def specimen(volume: Volume) -> TransferFunction:
         (1.0, 1.0, 0.97),
     ]
     skin = (0.55, 0.28, 0.18)
-    if end > air - 0.3 * (air - low):  # noise reaches the edge of tissue
+    if end > air - NEAR_TISSUE * (air - low):  # noise reaches the edge of tissue
         return _function(volume, [low, *values], [skin, *colors], [0.0, 0.0, 0.03, 0.045, 0.45, 0.9])
     # Fins, legs and antennae are thinner than a voxel here and there, and fainter than the edge.
     return _function(volume, [low, end, *values], [skin, skin, *colors], [0.0, 0.0, 0.03, 0.03, 0.045, 0.45, 0.9])

@@ -5,11 +5,14 @@
 import type { Values, Volume } from "../formats/volume_files.ts";
 import {
   AIR_HU,
+  AIR_SHARE,
   BINS,
   BONE_HU,
   FEW_VOXELS,
   FINEST,
   HISTOGRAM_SLICES,
+  NEAR_AIR,
+  NEAR_TISSUE,
   NOTHING_HU,
   OUTLIERS,
   RESAMPLED,
@@ -21,7 +24,7 @@ import { lengthsOf } from "./grid.ts";
 
 /** Air, the edges of tissue and of dense tissue, the densest value */
 export type Levels = Vector4;
-export type Measured = { range: Vector2; whole: Vector2; levels: Levels; hounsfield: boolean };
+export type Measured = { range: Vector2; whole: Vector2; levels: Levels; airEnd: number; hounsfield: boolean };
 /** Nodes: a value with red, green and blue, and a value with its opacity */
 export type Transfer = { colors: Vector4[]; opacities: Vector2[]; unit: number };
 
@@ -113,12 +116,13 @@ export function measureLevels(volume: Volume): Measured {
   const all: Vector2 = [whole.low, whole.high];
   const low = isLabels ? whole.low : skipPadding(values, whole.low, whole.high),
     { high } = whole;
-  if (high <= low) return { range: [low, low], whole: all, levels: [low, low, low, low], hounsfield: false };
+  if (high <= low)
+    return { range: [low, low], whole: all, levels: [low, low, low, low], airEnd: low, hounsfield: false };
   const mayHave = !isLabels && !dtype.endsWith("int8") && values.length >= FEW_VOXELS;
   const found = mayHave ? typical(volume, histogram(volume, low, high), whole.low) : histogram(volume, low, high);
   const levels = levelsOf(found),
     hounsfield = !isLabels && levels[0] <= AIR_HU && levels[3] >= BONE_HU;
-  return { range: [found.low, found.high], whole: all, levels, hounsfield };
+  return { range: [found.low, found.high], whole: all, levels, airEnd: airEndOf(found), hounsfield };
 }
 
 function skipPadding(values: Values, low: number, high: number) {
@@ -178,13 +182,25 @@ function levelsOf({ counts, low, high }: Histogram): Levels {
   return [low, middle(first), middle(second), middle(top)];
 }
 
+/** The value that nearly all voxels below the edge between air and tissue are below; some way from the lowest. */
+function airEndOf({ counts, low, high }: Histogram) {
+  const below = counts.subarray(0, otsu(counts) + 1),
+    most = AIR_SHARE * below.reduce((sum, count) => sum + count, 0);
+  let last = 0;
+  for (let sum = below[0]!; sum < most && last + 1 < below.length; sum += below[last]!) last += 1;
+  return low + Math.max(last + 1, NEAR_AIR * below.length) * ((high - low) / BINS);
+}
+
 /** The preset "specimen": faint flesh and bright bones. */
-export function specimen({ grid }: Volume, { levels: [low, air, dense, high], hounsfield }: Measured): Transfer {
+export function specimen({ grid }: Volume, { levels, airEnd, hounsfield }: Measured): Transfer {
+  const [low, air, dense, high] = levels,
+    skin: Vector3 = [0.55, 0.28, 0.18],
+    isThin = airEnd <= air - NEAR_TISSUE * (air - low); // parts are fainter than the edge of tissue
   const body = air + 0.35 * (dense - air),
     unit = Math.min(...lengthsOf(grid)) / 100;
   const nodes: { value: number; colour: Vector3; opacity: number }[] = hounsfield
     ? [
-        { value: low, colour: [0.55, 0.28, 0.18], opacity: 0 },
+        { value: low, colour: skin, opacity: 0 },
         { value: -200, colour: [0.78, 0.5, 0.34], opacity: 0 },
         { value: -80, colour: [0.86, 0.6, 0.42], opacity: 0.008 },
         { value: 60, colour: [0.78, 0.36, 0.25], opacity: 0.01 },
@@ -194,9 +210,10 @@ export function specimen({ grid }: Volume, { levels: [low, air, dense, high], ho
         { value: Math.max(high, 1000), colour: [1, 1, 0.97], opacity: 0.9 },
       ]
     : [
-        { value: low, colour: [0.55, 0.28, 0.18], opacity: 0 },
-        { value: air, colour: [0.62, 0.33, 0.2], opacity: 0 },
-        { value: body, colour: [0.86, 0.55, 0.38], opacity: 0.016 },
+        { value: low, colour: skin, opacity: 0 },
+        ...(isThin ? [{ value: airEnd, colour: skin, opacity: 0 }] : []),
+        { value: air, colour: [0.62, 0.33, 0.2], opacity: isThin ? 0.03 : 0 },
+        { value: body, colour: [0.86, 0.55, 0.38], opacity: 0.03 },
         { value: dense, colour: [0.98, 0.86, 0.66], opacity: 0.045 },
         { value: dense + 0.35 * (high - dense), colour: [1, 0.96, 0.86], opacity: 0.45 },
         { value: high, colour: [1, 1, 0.97], opacity: 0.9 },
