@@ -3,7 +3,7 @@
 import type { Raster, Vector4 } from "../types.ts";
 import { type DetMap, foldPieces } from "./folds.ts";
 
-const FINEST = 1e5; // places between the nodes, of which each costs little
+const MOST_SAMPLES = 1e5; // places between the nodes, of which each costs little
 
 export class SampledDets implements DetMap {
   readonly count = 1;
@@ -38,6 +38,6 @@ export class SampledDets implements DetMap {
 
   /** The folds, as of foldPieces. */
   get folds() {
-    return foldPieces(this, this.raster, this.values, [], FINEST);
+    return foldPieces(this, this.raster, this.values, [], MOST_SAMPLES);
   }
 }
