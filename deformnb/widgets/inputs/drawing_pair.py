@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from deformnb._typing import Progress
+from deformnb.checks import short_value
 from deformnb.datasets.darcy import ThompsonMap, thompson_map
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import project
@@ -28,15 +30,20 @@ class DrawingPair(Boxes):
 
     Parameters
     ----------
-    first : the picture that will be deformed.
-    second : the target drawing; None lets the user open one.
-    rows, columns : lines of both grids, to begin with.
+    first : the picture that will be deformed, or a drawing with its grid.
+    second : the target, also a picture or a drawing; None lets the user open one. Drawings are closed with the pair.
+    rows, columns : lines of both grids, to begin with; default is those of a drawing, else 5 and 7.
     guard : runs requests of the user and shows errors; default shows them below the drawings.
 
     Attributes
     ----------
     first, second : the drawings; the second is None until one is opened.
     line_counts : the fields for rows and columns.
+
+    Raises
+    ------
+    DeformError
+        For what is neither picture nor drawing, or grids whose numbers of lines differ.
 
     Examples
     --------
@@ -52,14 +59,15 @@ class DrawingPair(Boxes):
 
     def __init__(
         self,
-        first: Picture,
-        second: Picture | None = None,
+        first: Picture | GridDrawing,
+        second: Picture | GridDrawing | None = None,
         *,
-        rows: int = 5,
-        columns: int = 7,
+        rows: int | None = None,
+        columns: int | None = None,
         guard: ShowError | None = None,
     ) -> None:
-        self.first = GridDrawing(first, rows, columns, label="Grid on the first drawing")
+        rows, columns = _line_counts((first, second), rows, columns)
+        self.first = _drawing(first, rows, columns, "first")
         self.second: GridDrawing | None = None
         self._guard = guard or self._run_guarded
         self.message = basic.HTML("")
@@ -96,12 +104,18 @@ class DrawingPair(Boxes):
         volume = read_volume(path, progress=progress)
         self.show_second(project(volume, "+z"))
 
-    def show_second(self, picture: Picture) -> None:
-        """Show a picture as the second drawing, with a grid around its foreground."""
-        if self.second is not None:
-            self.second.close()
-        rows, columns = self.first.nodes.shape[:2]
-        self.second = GridDrawing(picture, rows, columns, label="Grid on the second drawing")
+    def show_second(self, shown: Picture | GridDrawing) -> None:
+        """Show a picture as the second drawing, with a grid around its foreground, or a drawing with its own grid.
+
+        Raises
+        ------
+        DeformError
+            For what is neither, or a grid whose numbers of lines are not those of the first.
+        """
+        rows, columns = _line_counts((self.first, shown), None, None)
+        before, self.second = self.second, _drawing(shown, rows, columns, "second")
+        if before is not None and before is not self.second:
+            before.close()
         self._arrange()
 
     def map(self, scale: str = "inside") -> ThompsonMap:
@@ -153,3 +167,26 @@ class DrawingPair(Boxes):
             return False
         self.message.value = ""
         return True
+
+
+def _line_counts(given: Sequence[Any], rows: int | None, columns: int | None) -> tuple[int, int]:
+    """Rows and columns of both grids: as requested, those of the drawings, or 5 and 7."""
+    for role, shown in zip(("first", "second"), given, strict=True):
+        if not isinstance(shown, Picture | GridDrawing) and not (shown is None and role == "second"):
+            raise DeformError(f"the {role} drawing is a Picture or a GridDrawing, got {short_value(shown)}.")
+    drawn = [shown.nodes.shape[:2] for shown in given if isinstance(shown, GridDrawing)]
+    wanted = drawn[0] if drawn else (5, 7)
+    wanted = (wanted[0] if rows is None else rows, wanted[1] if columns is None else columns)
+    other = next((shape for shape in drawn if shape != wanted), None)
+    if other is not None:
+        raise DeformError(
+            f"both grids have the same lines, and one has {other[0]} rows of {other[1]} nodes, not {wanted[0]} of "
+            f"{wanted[1]}: call set_lines of the drawing first."
+        )
+    return wanted
+
+
+def _drawing(given: Picture | GridDrawing, rows: int, columns: int, role: str) -> GridDrawing:
+    if isinstance(given, GridDrawing):
+        return given
+    return GridDrawing(given, rows, columns, label=f"Grid on the {role} drawing")

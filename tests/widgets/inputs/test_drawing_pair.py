@@ -13,7 +13,7 @@ from deformnb.io import write_volume
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.volume.volume import Volume
 from deformnb.warping.points import warp_points
-from deformnb.widgets import DrawingPair
+from deformnb.widgets import DrawingPair, GridDrawing
 
 
 def a_leaf(width: int) -> Volume:
@@ -47,6 +47,37 @@ def test_both_grids_get_new_lines_together() -> None:
     rows.value, columns.value = 4, 9
     assert pair.first.nodes.shape == pair.second.nodes.shape == (4, 9, 2)
     pair.close()
+
+
+def test_drawings_whose_grids_were_placed_before_become_a_pair() -> None:
+    first, second = (GridDrawing(project(a_leaf(width), "+z"), rows=3, columns=4) for width in (30, 60))
+    second.nodes = second.nodes + np.array([1.0, 2.0])
+    placed = second.nodes.copy()
+    pair = DrawingPair(first, second)
+    assert (pair.first, pair.second) == (first, second)
+    assert [number.value for number in pair.line_counts] == [3, 4]
+    np.testing.assert_array_equal(second.nodes, placed)
+    assert len(pair.map().points) == 12
+    pair.close()
+
+
+def test_a_picture_beside_a_drawing_gets_as_many_lines() -> None:
+    picture = project(a_leaf(30), "+z")
+    for first, second in ((GridDrawing(picture, 3, 4), picture), (picture, GridDrawing(picture, 3, 4))):
+        pair = DrawingPair(first, second)
+        assert pair.second is not None
+        assert pair.first.nodes.shape == pair.second.nodes.shape == (3, 4, 2)
+        pair.close()
+
+
+def test_drawings_with_other_lines_or_of_another_kind_are_refused() -> None:
+    picture = project(a_leaf(30), "+z")
+    with pytest.raises(DeformError, match=r"one has 5 rows of 6 nodes, not 3 of 4: call set_lines"):
+        DrawingPair(GridDrawing(picture, 3, 4), GridDrawing(picture, 5, 6))
+    with pytest.raises(DeformError, match=r"one has 3 rows of 4 nodes, not 4 of 4"):
+        DrawingPair(GridDrawing(picture, 3, 4), rows=4)
+    with pytest.raises(DeformError, match=r"second drawing is a Picture or a GridDrawing, got 'carp\.png'"):
+        DrawingPair(picture, "carp.png")  # type: ignore[arg-type]
 
 
 def test_a_file_that_is_no_picture_is_said_below(tmp_path: Path) -> None:
