@@ -14,7 +14,7 @@ import json
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -703,18 +703,28 @@ class _Work:
         if is_mesh(path) or is_landmarks(path):
             grid = self._space(path)
             document = transplant(document, grid, self._options.align)
+            self._note_difference(document, grid, path)
             grid = document.own_grid(grid)
             facts = _facts(document, grid)
             (self._mesh if is_mesh(path) else self._landmarks)(document, grid, path, target)
             return facts
         volume = read_input(str(path), self._options.spacing, self._stage, is_labels=self._options.labels or None)
         document = transplant(document, volume.grid, self._options.align)
+        differs = self._note_difference(document, volume.finest_grid, path)
         # First: a written file must be recorded immediately, or counts as foreign.
         facts = _facts(document, document.own_grid(volume.grid))
-        self._write(document, volume, target)
+        self._write(document, volume, target, differs)
         return facts
 
-    def _write(self, document: Deformation, volume: Volume, target: Path) -> None:
+    def _note_difference(self, document: Deformation, grid: Grid, path: Path) -> tuple[str, ...]:
+        """Note, with the name of the file, that the session was made on another grid; returns the sentences."""
+        found = tuple(_difference(document, grid))
+        if found and document.volume is not None and document.volume.grid is not None:
+            found += ("--align box maps the box of the session's volume to that of each input.",)
+        note(*([f"{path.name}: {' '.join(found)}"] if found else []))
+        return found
+
+    def _write(self, document: Deformation, volume: Volume, target: Path, noted: Collection[str]) -> None:
         from deformnb.io import write_volume
         from deformnb.io.files.memory import check_room
 
@@ -722,7 +732,7 @@ class _Work:
         warped = document.apply(
             volume, fill=self._options.fill, method=self._options.method, progress=self._stage(f"deform {target.name}")
         )
-        note(*(text for text in warped.notes if text not in volume.notes))
+        note(*(text for text in warped.notes if text not in (*volume.notes, *noted)))
         write_volume(warped, target, progress=self._stage(f"write {target.name}"))
 
     def _space(self, path: Path) -> Grid:

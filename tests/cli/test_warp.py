@@ -252,6 +252,26 @@ def test_another_volume_is_deformed_with_a_note(
     )
 
 
+def test_a_replay_names_each_file_of_another_grid_and_the_alignment(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_volume(Volume.from_array(np.eye(8, dtype=np.uint8)[None].repeat(6, 0)), small / "other.nrrd")
+    write_landmarks(Landmarks(FACE.points), small / "marks.fcsv")
+    write_mesh(FACE, small / "face.ply")
+    line = "replay pull.json {} --volume other.nrrd --out results{}"
+    wanted = (
+        "This document was made on another volume ('tiny', 8 x 7 x 6 voxels); its points may be at another place. "
+        "--align box maps the box of the session's volume to that of each input."
+    )
+    for name in ("other.nrrd", "marks.fcsv", "face.ply"):
+        assert run(small, line.format(name, ""), monkeypatch) == 0
+        assert remarks(capsys.readouterr().err) == f"deformnb: note: {name}: {wanted}\n"
+    assert run(small, line.format("other.nrrd marks.fcsv face.ply", " --align box"), monkeypatch) == 0
+    assert "another volume" not in capsys.readouterr().err
+    assert run(small, "replay pull.json tiny.nrrd marks.fcsv --volume tiny.nrrd --out own", monkeypatch) == 0
+    assert remarks(capsys.readouterr().err) == ""
+
+
 def test_another_spacing_is_noted(
     small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
