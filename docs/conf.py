@@ -198,8 +198,29 @@ def _copy_notebooks() -> None:
             copy.write_bytes(notebook.read_bytes())
 
 
+# -- navigation: the theme's arrows that show the pages below one have no text for a screen reader ---------------------
+_ARROW = re.compile(r"(<a [^>]*>((?:(?!</a>).)*)</a>\s*<details[^>]*>\s*<summary)>", re.DOTALL)
+
+
+def name_arrows(navigation: str) -> str:
+    """The navigation in HTML, in which each arrow is named after the page whose pages it shows."""
+
+    def name(found: re.Match[str]) -> str:
+        title = re.sub(r"<[^>]*>", "", found[2]).strip().replace('"', "&quot;")
+        return f'{found[1]} aria-label="Pages below {title}">'
+
+    return _ARROW.sub(name, navigation)
+
+
+def _name_navigation(app: Any, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    make = context.get("generate_toctree_html")
+    if make is not None:
+        context["generate_toctree_html"] = lambda *args, **options: name_arrows(str(make(*args, **options)))
+
+
 def setup(app: Any) -> None:
     """What Sphinx calls at the start of a build."""
+    app.connect("html-page-context", _name_navigation, priority=900)  # after the theme
     app.add_html_math_renderer("mathml", _mathml("inline"), _mathml("block"))
     app.connect("autodoc-process-docstring", _spread, priority=100)  # before numpydoc
     app.connect("missing-reference", _find)

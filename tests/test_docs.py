@@ -6,6 +6,7 @@ import html
 import re
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -53,6 +54,34 @@ def test_a_link_to_nowhere_is_found(tmp_path: Path) -> None:
     assert dead_links(tmp_path) == {("a.html", "b.html"), ("a.html", "#gone")}
 
 
+def unnamed_arrows(text: str) -> list[str]:
+    """The elements of a page that open and close others, and have neither text nor a name."""
+    found = re.findall(r"<summary([^>]*)>(.*?)</summary>", text, re.DOTALL)
+    return [inner for given, inner in found if "aria-label" not in given and not re.sub(r"<[^>]*>|\s", "", inner)]
+
+
+def test_the_arrows_of_the_navigation_are_named_after_their_pages(tmp_path: Path) -> None:
+    if find_spec("pydata_sphinx_theme") is None:
+        pytest.skip("the extra docs is not installed")
+    (tmp_path / "conf.py").write_text(
+        "import runpy\n"
+        'html_theme, project = "pydata_sphinx_theme", "a"\n'
+        f"real = runpy.run_path({str(DOCS / 'conf.py')!r})['_name_navigation']\n"
+        'def setup(app): app.connect("html-page-context", real, priority=900)\n',
+        encoding="utf-8",
+    )
+    for name, title, below in (("index", "All", "api"), ("api", "API", "maps"), ("maps", "Maps & *grids*", "warp")):
+        text = f"{title}\n{'=' * len(title)}\n\n.. toctree::\n\n   {below}\n"
+        (tmp_path / f"{name}.rst").write_text(text, encoding="utf-8")
+    (tmp_path / "warp.rst").write_text("Warp\n====\n", encoding="utf-8")
+    command = [sys.executable, "-m", "sphinx", "--quiet", str(tmp_path), str(tmp_path / "html")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    text = (tmp_path / "html" / "api.html").read_text("utf-8")
+    assert '<summary aria-label="Pages below Maps &amp; grids">' in text
+    assert unnamed_arrows(text) == []
+
+
 @pytest.mark.nightly
 def test_the_pages_are_built_and_fetch_nothing_from_elsewhere(tmp_path: Path) -> None:
     done = subprocess.run(
@@ -94,5 +123,6 @@ def test_the_pages_are_built_and_fetch_nothing_from_elsewhere(tmp_path: Path) ->
     }
     assert {(name, url) for name, url in loaded if not url.startswith("data:")} == set()
     assert "<math" in pages["how_it_works.html"]
+    assert {name for name, text in pages.items() if unnamed_arrows(text)} == set()
     assert dead_links(tmp_path / "html") == set()
     assert "\\begin" not in pages["how_it_works.html"]
