@@ -752,6 +752,21 @@ def test_the_notice_names_every_package_whose_scripts_are_in_the_bundles() -> No
     assert "NOTICE" in PROJECT["license-files"]
 
 
+def test_the_notice_names_what_every_picture_shows_and_its_licence() -> None:
+    suffixes = {".gif", ".jpeg", ".jpg", ".png", ".svg", ".webp"}
+    there = {str(path.relative_to(ROOT).as_posix()) for path in _committed_files() if path.suffix.lower() in suffixes}
+    pictures = {path for path in there if path.startswith("docs/")}
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    shown = set(re.findall(r"!\[[^\]]*\]\(([^)\s]+)", readme) + re.findall(r"<img[^>]*\ssrc=\"([^\"]+)", readme))
+    rows = re.findall(
+        r"^(\S+\.\w+): (.+)\.$", (ROOT / "NOTICE").read_text(encoding="utf-8").split("Figures of the")[1], re.MULTILINE
+    )
+    assert "docs/studio.jpg" in shown
+    assert sorted(name for name, _ in rows) == sorted(pictures | shown)
+    licences = ("BSD 3-clause", "Apache 2.0", "public domain")
+    assert [(name, row) for name, row in rows if not any(f"{licence})" in row for licence in licences)] == []
+
+
 def test_every_data_set_says_whom_to_name_and_on_which_terms() -> None:
     for name, row in deformnb.datasets.DATASETS.items():
         assert row.credit, name
