@@ -30,7 +30,7 @@ from deformnb.session.view_state import ViewState
 from deformnb.volume.channels import ChannelsLike, as_channels
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import levels
-from deformnb.volume.volume import Grid, VolumeLike, as_grid
+from deformnb.volume.volume import Grid, VolumeLike, as_grid, empty_note
 from deformnb.warping.points import Landmarks, LandmarksLike, as_landmarks
 
 
@@ -95,7 +95,8 @@ class Session:
         self.pictures = Pictures(volume, channels, self.editing, **view_state)
         self.results = Results(volume, channels, self.editing)
         self.files = Files(volume, source)
-        notes = (*volume.mark_labels(volume.is_labels).notes, laid)  # the front end asks about labels
+        said = volume.mark_labels(volume.is_labels).notes  # the front end asks about labels
+        notes = (*dict.fromkeys([*said, *empty_note(volume.values)]), laid)
         self.editing.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in notes if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see Files.difference
         self.pictures.restore(stored, besides=view_state, is_other=made_on is not None and made_on.shape != grid.shape)

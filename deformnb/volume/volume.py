@@ -151,7 +151,7 @@ def _extended_target(array: NDArray[Any]) -> np.dtype[Any]:
     return np.dtype(np.float64)
 
 
-NOTHING_TO_SEE = "there is nothing to see in this volume"
+NOTHING_TO_SEE = "there is nothing to see in this volume; check how it was made or read, or open another"
 """The last words of the notes on volumes without any contrast."""
 
 

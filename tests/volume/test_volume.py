@@ -23,7 +23,7 @@ from deformnb import DeformError, Grid, Volume
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import FileChangedError
 from deformnb.io import read_volume
-from deformnb.volume.volume import DTYPES, IDENTITY, KEPT
+from deformnb.volume.volume import DTYPES, IDENTITY, KEPT, NOTHING_TO_SEE
 
 ANISOTROPIC = (0.5, 1.25, 3.0)
 ORIGIN = (-12.5, 7.0, 101.25)
@@ -550,6 +550,6 @@ def test_a_volume_of_one_value_is_noted(value: float) -> None:
     values[-1, -1, -1] = not value
     assert Volume.from_array(values.astype(np.float32)).notes == ()
     nowhere = np.full((2, 2, 2), np.nan)
-    assert Volume.from_array(nowhere).notes == ("no voxel is a finite number: there is nothing to see in this volume",)
+    assert Volume.from_array(nowhere).notes == (f"no voxel is a finite number: {NOTHING_TO_SEE}",)
     nowhere[0, 0, 0] = 1.0
     assert Volume.from_array(nowhere).notes == ("7 voxels are not finite, shown as background",)

@@ -48,7 +48,7 @@ from deformnb.rbf.trends import TRENDS
 from deformnb.volume.channels import ChannelDisplay, Channels
 from deformnb.volume.plane import SIDES, VIEWS
 from deformnb.volume.transfer import levels, preset
-from deformnb.volume.volume import Grid
+from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
 from deformnb.widgets import Studio
 from deformnb.widgets.boxes import Tabs
@@ -695,6 +695,18 @@ def test_the_studio_stands_in_boxes(studio: Studio) -> None:
     box = ipw.HBox([studio, ipw.Label("beside")])
     assert box.children[0] is studio
     assert "24 x 20 x 16" in repr(studio)
+
+
+@pytest.mark.parametrize(
+    ("value", "why"), [(0, "Every voxel has the value 0: "), (np.nan, "No voxel is a finite number: ")]
+)
+def test_a_volume_without_contrast_says_why_nothing_is_seen_and_what_to_do(value: float, why: str) -> None:
+    voxels = np.full((12, 14, 16), value, np.float32)
+    for given in (voxels, Volume(voxels, Grid(voxels.shape))):
+        studio = Studio(given)
+        assert f"{why}there is nothing to see in this volume; check how it was made or read" in get_notice(studio)
+        assert get_notice(studio).count("nothing to see") == 1
+        studio.close()
 
 
 def test_the_notes_of_a_volume_are_shown_over_the_volume() -> None:
