@@ -559,8 +559,11 @@ def specimen(volume: Volume) -> TransferFunction:
     skin = (0.55, 0.28, 0.18)
     if end > air - NEAR_TISSUE * (air - low):  # noise reaches the edge of tissue
         return _function(volume, [low, *values], [skin, *colors], [0.0, 0.0, 0.03, 0.045, 0.45, 0.9])
-    # Fins, legs and antennae are thinner than a voxel here and there, and fainter than the edge.
-    return _function(volume, [low, end, *values], [skin, skin, *colors], [0.0, 0.0, 0.03, 0.03, 0.045, 0.45, 0.9])
+    # Fins, legs and antennae are thinner than a voxel here and there, and fainter than the edge. Nearer to air there
+    # may be a medium around the body, whose haze would cost a view half of its pictures.
+    return _function(
+        volume, [low, (end + air) / 2, *values], [skin, skin, *colors], [0.0, 0.0, 0.03, 0.03, 0.045, 0.45, 0.9]
+    )
 
 
 def bone(volume: Volume) -> TransferFunction:

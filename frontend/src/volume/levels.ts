@@ -211,7 +211,7 @@ export function specimen({ grid }: Volume, { levels, airEnd, hounsfield }: Measu
       ]
     : [
         { value: low, colour: skin, opacity: 0 },
-        ...(isThin ? [{ value: airEnd, colour: skin, opacity: 0 }] : []),
+        ...(isThin ? [{ value: (airEnd + air) / 2, colour: skin, opacity: 0 }] : []),
         { value: air, colour: [0.62, 0.33, 0.2], opacity: isThin ? 0.03 : 0 },
         { value: body, colour: [0.86, 0.55, 0.38], opacity: 0.03 },
         { value: dense, colour: [0.98, 0.86, 0.66], opacity: 0.045 },
