@@ -99,6 +99,7 @@ class Numbers(AbstractExercise):
     tolerance : how far each number may be off.
     hint : text for any other wrong answer.
     mistakes : wrong answers and the text for each, within the same tolerance.
+    at_most : whether every positive number up to the answer is right too.
 
     Examples
     --------
@@ -113,6 +114,7 @@ class Numbers(AbstractExercise):
     tolerance: float
     hint: str
     mistakes: tuple[tuple[float | tuple[float, ...], str], ...] = ()
+    at_most: bool = False
 
     def judge(self, answer: object) -> Result:
         wanted = np.asarray(self.answer, dtype=np.float64)
@@ -128,7 +130,7 @@ class Numbers(AbstractExercise):
             return self._no(f"Give {form}, instead of {short_value(answer)}.")
         if not np.isfinite(numbers).all():
             return self._no(f"Give {form}; a number is missing in {short_value(answer)}.")
-        if self._is_close(numbers, wanted):
+        if self._is_close(numbers, wanted) or (self.at_most and (numbers > 0).all() and (numbers <= wanted).all()):
             return self._yes()
         return self._no(next((hint for wrong, hint in self.mistakes if self._is_close(numbers, wrong)), self.hint))
 

@@ -2,68 +2,89 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
-from deformnb.analysis.folds import find_folds
-from deformnb.document.deformation import Step
-from deformnb.imaging.figures import picture_field
+from deformnb._typing import Floats
 from deformnb.rbf.regions import Line
-from deformnb.session.session import Session
-from deformnb.warping.points import warp_points
 from deformnb_lessons.exercises import AbstractExercise, Choice, Numbers
+from deformnb_lessons.moved_animal import ROUNDED, MovedAnimal, reached
 from deformnb_lessons.studio_tasks import StudioTask
 
 DRAG = 75.0
-"""Millimetres that a point stays dragged at least in the exercise "unfold"."""
+"""Millimetres that a part of the carp stays moved at least in the exercise "unfold"."""
 
 OPENING = 10.0
 """Millimetres between the two sides of the cut at least in the exercise "cut"."""
 
+SIDE_MOVES = 2.0
+"""Millimetres that each side of it goes away from it at least."""
+
 _OFFSET = 1.0  # millimetres from the line of a cut to the places whose displacements are compared
+_PART = 0.05  # of the animal, that is at least on each side of a cut
+_REACH = 600.0  # millimetres that a line is continued: longer than the carp
+_SAMPLES = 400  # places along each edge of a line
 
 
-def _fold_fault(session: Session, step: Step) -> str:
-    """Fault of a long drag without a fold; empty if there is none."""
-    far = step.strength * float(np.linalg.norm(step.points.displacement[step.points.active], axis=1).max(initial=0.0))
-    if far < DRAG:
-        return f"The longest drag is {far:.0f} mm. Keep it at {DRAG:g} mm or more, and remove the fold in another way."
-    least = find_folds(picture_field(step, session.volume.grid), session.pictures.picture().raster).least
-    if least <= 0:
+def _fold_fault(animal: MovedAnimal) -> str:
+    """Fault of a long drag; empty if there is none."""
+    far = reached(np.linalg.norm(animal.moved - animal.places, axis=1))
+    if far < DRAG - ROUNDED:
         return (
-            f"The map still folds: its smallest determinant is {least:.2f}. Make the support radius larger in the "
-            "panel (Shape): a longer bump is less steep."
+            f"No part of the carp moves farther than {far:.0f} mm. Keep it at {DRAG:g} mm or more, and remove the fold "
+            "in another way."
         )
     return ""
 
 
-def _cut_fault(session: Session, step: Step) -> str:
+def _cut_fault(animal: MovedAnimal) -> str:
     """Fault of a cut that is pulled open; empty if there is none."""
-    lines = [cut.region for cut in step.cuts if cut.enabled and isinstance(cut.region, Line)]
+    lines = [cut.region for cut in animal.step.cuts if cut.enabled and isinstance(cut.region, Line)]
     if not lines:
         return (
             "There is no cut yet. Press the scissors next to the picture, click along a line across the carp, then "
             "Enter."
         )
-    opening = max(_opening(line, session, step) for line in lines)
-    if opening < OPENING:
+    faults = [_opening_fault(line, animal) for line in lines]
+    return "" if "" in faults else faults[0]
+
+
+def _opening_fault(line: Line, animal: MovedAnimal) -> str:
+    """Fault of the opening of one line; empty if there is none."""
+    share = float(np.mean(line.signed_distance(animal.places) < 0))
+    middle, normals = _places_along(line)
+    is_crossed = animal.is_tissue(middle)
+    if not _PART < share < 1 - _PART or not is_crossed.any():
+        return "The cut parts nothing of the carp. Draw it across the carp, from above the back to below the belly."
+    middle, normals = middle[is_crossed], normals[is_crossed]
+    first, second = (
+        sign * (animal.displacement_of(middle + sign * _OFFSET * normals) * normals).sum(axis=1) for sign in (-1, 1)
+    )
+    opening = max(0.0, reached(first + second))
+    if opening < OPENING - ROUNDED:
         return (
-            f"The two sides are {max(opening, 0):.0f} mm apart. Put a point on each side of the line and drag them "
-            f"away from each other, until it is {OPENING:g} mm."
+            f"The two sides are {opening:.0f} mm apart. Put a point on each side of the line and drag "
+            f"them away from each other, until it is {OPENING:g} mm."
         )
+    if min(reached(first), reached(second)) < SIDE_MOVES:
+        return "Only one side moves away from the cut. Drag a point on the other side away from it too."
     return ""
 
 
-def _opening(line: Line, session: Session, step: Step) -> float:
-    """Largest distance by which places on both sides of a line are separated."""
+def _places_along(line: Line) -> tuple[Floats, Floats]:
+    """Places (n, 2) along a line and where it continues, and its unit normals there."""
     vertices = np.asarray(line.vertices)
     ways = np.diff(vertices, axis=0)
-    normals = ways[:, ::-1] * (-1, 1) / np.linalg.norm(ways, axis=1)[:, None]
-    share = np.linspace(0.1, 0.9, 9)[:, None, None]
-    middle = vertices[:-1] + share * ways
-    sides = np.stack([middle - _OFFSET * normals, middle + _OFFSET * normals])
-    moved, found = warp_points(sides, picture_field(step, session.volume.grid))
-    apart = np.linalg.norm(moved[1] - moved[0], axis=-1) - 2 * _OFFSET
-    return float(apart[found.all(axis=0)].max(initial=0.0))
+    units = ways / np.linalg.norm(ways, axis=1)[:, None]
+    ends = vertices.copy()
+    for end, stops, unit in ((0, line.stops[0], -units[0]), (-1, line.stops[1], units[-1])):
+        if not stops:
+            ends[end] += _REACH * unit
+    share = (np.arange(_SAMPLES) + 0.5)[:, None] / _SAMPLES
+    middle = [a + share * (b - a) for a, b in pairwise(ends)]
+    normals = units[:, ::-1] * (-1, 1)
+    return np.concatenate(middle), np.repeat(normals, _SAMPLES, axis=0)
 
 
 EXERCISES: dict[str, AbstractExercise] = {

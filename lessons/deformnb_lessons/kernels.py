@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from deformnb.document.deformation import Step
-from deformnb.imaging.figures import picture_field
-from deformnb.session.session import Session
 from deformnb_lessons.exercises import AbstractExercise, Choice, Numbers
+from deformnb_lessons.moved_animal import ROUNDED, MovedAnimal, reached
 from deformnb_lessons.studio_tasks import StudioTask
 
 LIFT = 20.0
-"""Millimetres that a point is dragged at least in the exercise "local"."""
+"""Millimetres that the back is lifted at least in the exercise "local"."""
 
 STILL = 1.0
 """Millimetres that the head moves at most there."""
@@ -19,22 +17,24 @@ STILL = 1.0
 BACK = (150.0, 400.0)
 """Extent of the back of the lesson's carp: a_min and a_max on the picture from the left."""
 
-HEAD = (20.0, 100.0, 60.0, 140.0)
-"""The head of the lesson's carp from the left: (a_min, a_max, b_min, b_max)."""
+HEAD = 100.0
+"""The head of the lesson's carp ends at this a, from the left."""
 
 
-def _lift_fault(session: Session, step: Step) -> str:
+def _lift_fault(animal: MovedAnimal) -> str:
     """Fault of a back that is lifted while the head stays; empty if there is none."""
-    points = step.points
-    on_back = points.active & (points.source[:, 0] > BACK[0]) & (points.source[:, 0] < BACK[1])
-    lifted = step.strength * float(points.displacement[on_back, 1].max(initial=0.0))  # backward, and b grows downwards
-    if lifted < LIFT:
-        return f"The back is lifted by {lifted:.0f} mm. Drag a point of the back up by {LIFT:g} mm or more."
-    a, b = np.meshgrid(np.linspace(HEAD[0], HEAD[1], 9), np.linspace(HEAD[2], HEAD[3], 9))
-    moved = picture_field(step, session.volume.grid).displacement(np.stack([a, b], axis=-1).reshape(-1, 2))
-    farthest = float(np.linalg.norm(moved, axis=-1).max())
+    edge = animal.upper_edge
+    back = edge[(edge[:, 0] > BACK[0]) & (edge[:, 0] < BACK[1])]
+    lifted = max(0.0, reached(-animal.displacement_of(back)[:, 1]))  # b grows downwards
+    if lifted < LIFT - ROUNDED:
+        return (
+            f"The upper edge of the back is lifted by {lifted:.0f} mm. Drag a point of that edge up, until it "
+            f"is {LIFT:g} mm or more."
+        )
+    ways = np.linalg.norm(animal.moved - animal.places, axis=1)
+    farthest = float(ways[animal.places[:, 0] < HEAD].max())
     if farthest > STILL:
-        if step.trend != "none" and step.support is not None:
+        if animal.step.trend != "none" and animal.step.support is not None:
             return (
                 f"The head moves by up to {farthest:.1f} mm. The trend moves the picture as a whole: choose None "
                 "for Trend in the panel (Shape), or put more points on the head."
@@ -45,6 +45,8 @@ def _lift_fault(session: Session, step: Step) -> str:
         )
     return ""
 
+
+_ROUNDED = "These are the right numbers, but rounded too much. Give both with two decimals."
 
 EXERCISES: dict[str, AbstractExercise] = {
     "between": Numbers(
@@ -83,19 +85,18 @@ EXERCISES: dict[str, AbstractExercise] = {
             ((10, 0), "The second point would move by 10 times 0.1875, which is 1.9 mm, and it shall stay."),
             ((10, -1.88), "The second weight reaches the first point too: solve both equations together."),
             ((-1.94, 10.36), "These are the right numbers in the other order."),
+            *((rounded, _ROUNDED) for rounded in ((10.4, -1.9), (10.4, -1.94), (10.36, -1.9), (10, -2), (10.4, -2))),
             ((10.36, 1.94), "Look at the sign of the second: 0.1875 w1 + w2 = 0."),
         ),
     ),
     "support": Numbers(
         "One point is dragged. Another place, 120 mm away, shall not move at all. How large may the support radius be?",
-        "At the support radius the kernel is 0, and beyond it too.",
+        "At the support radius the kernel is 0, and beyond it too: 120 mm is the largest, and any smaller one will do.",
         120,
-        0.5,
+        0.0,
         "At which s does (1 - s)^4 (4 s + 1) become 0?",
-        (
-            (60, "60 mm would do, but it may be larger: the support is a radius, not a diameter."),
-            (240, "240 mm is the diameter. At 120 mm, half-way, the kernel is still 0.19."),
-        ),
+        ((240, "240 mm is the diameter. At 120 mm, half-way, the kernel is still 0.19."),),
+        at_most=True,
     ),
     "compact": Choice(
         "Which of these kernels are 0 beyond a distance?",

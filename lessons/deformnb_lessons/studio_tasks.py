@@ -9,7 +9,6 @@ import numpy as np
 
 from deformnb.datasets import ThompsonMap, thompson_map, thompson_score
 from deformnb.datasets.grid_score import GridScore
-from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_box
 from deformnb.imaging.projection import project
@@ -17,6 +16,7 @@ from deformnb.session.session import Session
 from deformnb.volume.volume import VolumeLike
 from deformnb.words import translate
 from deformnb_lessons.exercises import AbstractExercise, Result
+from deformnb_lessons.moved_animal import LOOK_FROM_LEFT, SIDE, MovedAnimal, step_fault
 
 _NEAR = 0.5  # percent of the change, and pixels of the drawing: a smaller drag was accidental
 
@@ -34,28 +34,27 @@ class StudioTask(AbstractExercise):
     Parameters
     ----------
     question, praise : see :class:`AbstractExercise`.
-    fault : hint to a deficit of the edited step; an empty text if nothing is.
+    fault : hint to a deficit of the animal as the edited step moves it; an empty text if nothing is. Folds in tissue
+        are none of its concern: no exercise allows them.
 
     Examples
     --------
-    >>> task = StudioTask("Drag a point.", "Dragged.", lambda session, step: "Drag one.")
+    >>> task = StudioTask("Drag a point.", "Dragged.", lambda animal: "Drag one.")
     >>> task.judge(None)
     Not yet. Give the studio itself, as in lesson.check("name", studio): its cell has to be run first.
     """
 
-    fault: Callable[[Session, Step], str]
+    fault: Callable[[MovedAnimal], str]
 
     def judge(self, answer: object) -> Result:
         session = session_of(answer)
         if session is None:
             return self._no(_GIVE)
-        step = session.editing.step
-        if step.plane is None:
-            return self._no("The points of this step lie in space; add a step on a picture and work there.")
-        if not step.enabled or not step.points.displacement.any():
-            return self._no("Nothing has been dragged yet. Drag a point on the picture, and check again.")
         try:
-            missing = self.fault(session, step)
+            missing = step_fault(session)
+            if not missing:
+                animal = MovedAnimal(session.volume, session.editing.step)
+                missing = animal.fault() or self.fault(animal)
         except DeformError as error:
             return self._no(str(error))
         return self._no(missing) if missing else self._yes()
@@ -79,7 +78,7 @@ class FishTask(AbstractExercise):
     target: str
     percent: float
 
-    def grids(self, volume: VolumeLike, side: str = "-x") -> ThompsonMap:
+    def grids(self, volume: VolumeLike, side: str = SIDE) -> ThompsonMap:
         """The pair of grids on the visible part of a volume, as it will be scored.
 
         Examples
@@ -97,8 +96,8 @@ class FishTask(AbstractExercise):
             return self._no(_GIVE)
         planes = [step.plane for step in session.editing.deformation.steps if step.enabled]
         plane = planes[0] if planes else None
-        if plane is None or session.steps.view_of(plane) != "-x":
-            return self._no("Work on the picture from the left (-x), where the head of the fish points left.")
+        if plane is None or session.steps.view_of(plane) != SIDE:
+            return self._no(LOOK_FROM_LEFT)
         grids = self.grids(session.volume)
         try:
             score = thompson_score(session.editing.deformation, grids, grid=session.volume)
@@ -111,6 +110,10 @@ class FishTask(AbstractExercise):
         drawing = grids_svg(score, grids)
         verdict = f"Your fish: {score}. {_advice(score)}"
         if score.percent >= self.percent:
+            steps = [step for step in session.editing.deformation.steps if step.enabled and step.plane is not None]
+            faults = filter(None, (MovedAnimal(session.volume, step).fault() for step in steps))
+            if fault := next(faults, ""):
+                return Result(False, f"{verdict} {fault}", drawing)
             return Result(True, f"{verdict} {self.praise}", drawing)
         more = f"{self.percent:g} % is enough for a boarfish."
         if score.percent < 0:
