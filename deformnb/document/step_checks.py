@@ -7,7 +7,7 @@ along the longest side. A fold narrower than a cell of it, a hundredth of the pi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -285,12 +285,7 @@ def safe_points(
     def at(t: float) -> ControlPoints:
         return after if t == 1 else replace(after, target=start + t * (after.target - start))
 
-    if not is_fold_free(step.with_points(at(0.0), key), grid, least, is_tissue):
-        raise DeformError(
-            "the map folds before this edit already, so no part of it is safe; take the strength back or "
-            "unfold it by stages."
-        )
-    return at(largest_safe_share(lambda t: is_fold_free(step.with_points(at(t), key), grid, least, is_tissue)))
+    return at(_safe_share(lambda t: is_fold_free(step.with_points(at(t), key), grid, least, is_tissue)))
 
 
 @check_arguments
@@ -322,9 +317,17 @@ def safe_parts(
         maps = tuple(carry_points(points, step.parts, parts) for points in step.maps)
         return is_fold_free(replace(step, parts=parts, maps=maps), grid, least, is_tissue)
 
+    return at(_safe_share(is_safe))
+
+
+def _safe_share(is_safe: Callable[[float], bool]) -> float:
+    """The largest share of an edit without folds, which must not be there at its start."""
     if not is_safe(0.0):
-        raise DeformError("the map folds before this edit already, so no part of it is safe; unfold it first.")
-    return at(largest_safe_share(is_safe))
+        raise DeformError(
+            "the map folds before this edit already, so no part of it is safe; take the strength back or "
+            "unfold it by stages."
+        )
+    return largest_safe_share(is_safe)
 
 
 # ---- the quality of a step's fit -------------------------------------------------------------------------------------
