@@ -4,7 +4,7 @@
 - :data:`DATASETS`, :func:`fetch` and :func:`load` download real volumes of the paper once; :func:`find` takes
   the phantom where that fails.
 - :func:`thompson_map` has the points that turn the fish into other fishes, and :func:`thompson_score` how near a
-  deformation comes to them.
+  deformation comes to them; :func:`thompson_plate` has his drawings.
 """
 
 from deformnb.datasets.darcy import (
@@ -18,11 +18,13 @@ from deformnb.datasets.darcy import (
 )
 from deformnb.datasets.grid_score import GridScore, thompson_score
 from deformnb.datasets.phantoms import PHANTOMS, Phantom
+from deformnb.datasets.plates import PLATE_SOURCE, thompson_plate
 from deformnb.datasets.registry import DATASETS, Dataset, credits, fetch, find, load  # noqa: A004 (see there)
 
 __all__ = [
     "DATASETS",
     "PHANTOMS",
+    "PLATE_SOURCE",
     "Dataset",
     "GridScore",
     "Phantom",
@@ -37,5 +39,6 @@ __all__ = [
     "thompson_grids",
     "thompson_map",
     "thompson_pairs",
+    "thompson_plate",
     "thompson_score",
 ]
