@@ -1,8 +1,8 @@
 // The page that Python exports: it opens the data in it. The scripts of the widgets run before this one and leave their
 // exports under a symbol.
 
-import type { PageData } from "./standalone_page.ts";
-import { decodeData, exportedWidgets, messageOf, StandalonePage, showAlert } from "./standalone_page.ts";
+import type { PageData } from "./pages/standalone_page.ts";
+import { decodeData, exportedWidgets, messageOf, StandalonePage, showAlert } from "./pages/standalone_page.ts";
 import { showInLanguage } from "./ui/words.ts";
 
 async function openStandalone() {

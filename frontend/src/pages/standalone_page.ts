@@ -2,13 +2,13 @@
 // written by deformnb/widgets/standalone.py, or made of a file that a user has chosen: traits, packed voxels, the message
 // "field", the document.
 
-import type { EditDone, EditorToPython } from "./generated.ts";
-import { ClipSliders } from "./inputs/clip_sliders.ts";
-import { clipOf, isClipped } from "./maths/clipping.ts";
-import { PlainModel } from "./sync/host_model.ts";
-import type { KernelTable, Point, Values } from "./types.ts";
-import { buttonElement, OWN_KEYS, pageElement, saveFile, viewOf } from "./ui/dom.ts";
-import type { LiveVolumeView } from "./view/live_view.ts";
+import type { EditDone, EditorToPython } from "../generated.ts";
+import { ClipSliders } from "../inputs/clip_sliders.ts";
+import { clipOf, isClipped } from "../maths/clipping.ts";
+import { PlainModel } from "../sync/host_model.ts";
+import type { KernelTable, Point, Values } from "../types.ts";
+import { buttonElement, OWN_KEYS, pageElement, saveFile, viewOf } from "../ui/dom.ts";
+import type { LiveVolumeView } from "../view/live_view.ts";
 
 /** The content of a message and its buffers */
 export type Packet = [Values, DataView<ArrayBuffer>[]];
@@ -158,8 +158,9 @@ function viewAnswers(
 
 // ---- the page -------------------------------------------------------------------------------------------------------
 
-export function pagePart(name: string) {
-  return document.querySelector(`.dnb-page-${name}`) as HTMLElement;
+/** A part of the page, or of a section of it. */
+export function pagePart(name: string, root: ParentNode = document) {
+  return root.querySelector(`.dnb-page-${name}`) as HTMLElement;
 }
 
 export function showAlert(text: string) {
@@ -179,12 +180,16 @@ export class StandalonePage {
   view: PlainModel | null;
   sliders: ClipSliders | undefined;
 
-  /** @param widgets their exports */
+  /**
+   * @param widgets their exports
+   * @param root of the page's parts: the document, or a section of a page that shows several
+   */
   constructor(
     readonly data: PageData,
     readonly widgets: Values,
+    readonly root: HTMLElement = document.body,
   ) {
-    this.image = document.querySelector(".dnb-page-still") as HTMLImageElement | null;
+    this.image = root.querySelector(".dnb-page-still");
     const still = data.still ?? new DataView(bytesOfText(this.image?.src.split(",")[1] ?? "").buffer);
     this.editor = new PlainModel(data.editor, { deliver: editorAnswers(() => this.editor) });
     this.view =
@@ -200,25 +205,30 @@ export class StandalonePage {
       });
   }
 
+  /** A part of this page. */
+  part(name: string) {
+    return pagePart(name, this.root);
+  }
+
   async open() {
     this.#controls();
     this.fit();
     await this.widgets.editor.initialize?.({ model: this.editor });
     await this.#render("editor", this.editor, "picture");
-    pagePart("volume").hidden = !this.view;
+    this.part("volume").hidden = !this.view;
     if (this.view) {
       await this.widgets.view.initialize?.({ model: this.view });
       await this.#render("view", this.view, "volume");
     }
     this.image?.remove();
-    document.body.classList.toggle("dnb-page-alone", !this.view);
+    this.root.classList.toggle("dnb-page-alone", !this.view);
     this.fit();
     window.addEventListener("resize", () => this.fit(), { signal: this.closing.signal });
   }
 
   /** @param part of the page */
   async #render(widget: string, model: PlainModel, part: string) {
-    const end = await this.widgets[widget].render({ model, el: pagePart(part) });
+    const end = await this.widgets[widget].render({ model, el: this.part(part) });
     if (end) this.ends.push(end);
   }
 
@@ -226,20 +236,20 @@ export class StandalonePage {
   close() {
     this.closing.abort();
     for (const end of this.ends) end();
-    pagePart("controls").replaceChildren();
-    pagePart("picture").replaceChildren();
-    pagePart("volume").replaceChildren();
-    pagePart("volume").classList.remove("dnb-page-flat");
+    this.part("controls").replaceChildren();
+    this.part("picture").replaceChildren();
+    this.part("volume").replaceChildren();
+    this.part("volume").classList.remove("dnb-page-flat");
   }
 
   /** Shows the volume as the picture that Python has made, without WebGL2; only the editor's picture follows. */
   fall() {
     this.isStill = true;
-    pagePart("volume").classList.add("dnb-page-flat");
+    this.part("volume").classList.add("dnb-page-flat");
     showAlert(
       "This browser offers no WebGL2, so the volume is a still picture; the picture next to it can be " + "dragged.",
     );
-    document.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
+    this.root.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
     if (this.cut) this.cut.hidden = true;
     this.view?.update({ background: this.data.still_background });
     this.fit();
@@ -248,7 +258,7 @@ export class StandalonePage {
   /** Reports the sides of the box beyond which there is tissue that is not visible. */
   warn(sides: number[] = []) {
     const { cut_off: cutOff } = this.data,
-      view = viewOf<LiveVolumeView>(pagePart("volume").querySelector(".dnb-view")),
+      view = viewOf<LiveVolumeView>(this.part("volume").querySelector(".dnb-view")),
       names = sides.map((side) => cutOff?.sides[side]);
     const listed = names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : `${names[0]}`;
     const text = names.length ? `${cutOff?.text.replace("%", listed)}` : "";
@@ -259,7 +269,7 @@ export class StandalonePage {
    * Make all as large as the window allows: two columns where it is wide, and no more height than the window's.
    */
   fit() {
-    const main = pagePart("main"),
+    const main = this.part("main"),
       width = main.clientWidth,
       isWide = width >= NARROW && this.view;
     main.classList.toggle("dnb-page-wide", Boolean(isWide));
@@ -270,7 +280,7 @@ export class StandalonePage {
     const most = isWide || !this.view ? window.innerHeight - above - bars - 40 : 0.45 * window.innerHeight;
     const height = Math.round(Math.max(isWide ? 260 : 200, Math.min(1.1 * column, most)));
     this.editor.update({ height });
-    const beside = isWide ? pagePart("picture").clientHeight : 0; // of a flat picture less than it may be
+    const beside = isWide ? this.part("picture").clientHeight : 0; // of a flat picture less than it may be
     this.view?.update({
       width: Math.round(column),
       height: Math.round(
@@ -286,7 +296,7 @@ export class StandalonePage {
   // ---- controls -----------------------------------------------------------------------------------------------------
 
   #controls() {
-    const bar = pagePart("controls"),
+    const bar = this.part("controls"),
       has = (name: string) => this.data.controls.includes(name);
     if (has("strength")) {
       this.#slider(bar, setting(this.editor, "strength"), (value) => value.toFixed(2));
