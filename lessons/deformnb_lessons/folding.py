@@ -8,6 +8,7 @@ import numpy as np
 
 from deformnb._typing import Floats
 from deformnb.rbf.regions import Line
+from deformnb.warping.points import warp_points
 from deformnb_lessons.exercises import AbstractExercise, Choice, Numbers
 from deformnb_lessons.moved_animal import ROUNDED, MovedAnimal, reached
 from deformnb_lessons.studio_tasks import StudioTask
@@ -40,33 +41,41 @@ def _fold_fault(animal: MovedAnimal) -> str:
 
 def _cut_fault(animal: MovedAnimal) -> str:
     """Fault of a cut that is pulled open; empty if there is none."""
-    lines = [cut.region for cut in animal.step.cuts if cut.enabled and isinstance(cut.region, Line)]
+    lines = [
+        (cut.region, number)
+        for number, step in enumerate(animal.steps)
+        for cut in step.cuts
+        if cut.enabled and isinstance(cut.region, Line)
+    ]
     if not lines:
         return (
             "There is no cut yet. Press the scissors next to the picture, click along a line across the carp, then "
             "Enter."
         )
-    faults = [_opening_fault(line, animal) for line in lines]
+    faults = [_opening_fault(line, number, animal) for line, number in lines]
     return "" if "" in faults else faults[0]
 
 
-def _opening_fault(line: Line, animal: MovedAnimal) -> str:
-    """Fault of the opening of one line; empty if there is none."""
-    share = float(np.mean(line.signed_distance(animal.places) < 0))
+def _opening_fault(line: Line, number: int, animal: MovedAnimal) -> str:
+    """Fault of the opening of a line of a step, which lies on the picture as the steps before leave it."""
+    before, after = animal.around(number)
+    share = float(np.mean(line.signed_distance(warp_points(animal.places, before)[0]) < 0))
     middle, normals = _places_along(line)
-    is_crossed = animal.is_tissue(middle)
+    is_crossed = animal.is_tissue(middle + before.displacement(middle))
     if not _PART < share < 1 - _PART or not is_crossed.any():
         return "The cut parts nothing of the carp. Draw it across the carp, from above the back to below the belly."
     middle, normals = middle[is_crossed], normals[is_crossed]
+    sides = (middle - _OFFSET * normals, middle + _OFFSET * normals)
     first, second = (
-        sign * (animal.displacement_of(middle + sign * _OFFSET * normals) * normals).sum(axis=1) for sign in (-1, 1)
+        sign * ((warp_points(side, after)[0] - side) * normals).sum(axis=1)
+        for sign, side in zip((-1, 1), sides, strict=True)
     )
-    opening = max(0.0, reached(first + second))
+    opening, closing = reached(first + second), reached(-first - second)
     if opening < OPENING - ROUNDED:
-        return (
-            f"The two sides are {opening:.0f} mm apart. Put a point on each side of the line and drag "
-            f"them away from each other, until it is {OPENING:g} mm."
-        )
+        more = f"Put a point on each side of the line and drag them away from each other, until it is {OPENING:g} mm."
+        if closing > max(opening, ROUNDED):
+            return f"The two sides were pushed together, by {closing:.0f} mm. {more}"
+        return f"The two sides are {max(0.0, opening):.0f} mm apart. {more}"
     if min(reached(first), reached(second)) < SIDE_MOVES:
         return "Only one side moves away from the cut. Drag a point on the other side away from it too."
     return ""
@@ -75,8 +84,8 @@ def _opening_fault(line: Line, animal: MovedAnimal) -> str:
 def _places_along(line: Line) -> tuple[Floats, Floats]:
     """Places (n, 2) along a line and where it continues, and its unit normals there."""
     vertices = np.asarray(line.vertices)
-    ways = np.diff(vertices, axis=0)
-    units = ways / np.linalg.norm(ways, axis=1)[:, None]
+    edges = np.diff(vertices, axis=0)
+    units = edges / np.linalg.norm(edges, axis=1)[:, None]
     ends = vertices.copy()
     for end, stops, unit in ((0, line.stops[0], -units[0]), (-1, line.stops[1], units[-1])):
         if not stops:

@@ -31,10 +31,10 @@ def _lift_fault(animal: MovedAnimal) -> str:
             f"The upper edge of the back is lifted by {lifted:.0f} mm. Drag a point of that edge up, until it "
             f"is {LIFT:g} mm or more."
         )
-    ways = np.linalg.norm(animal.moved - animal.places, axis=1)
-    farthest = float(ways[animal.places[:, 0] < HEAD].max())
+    lengths = np.linalg.norm(animal.moved - animal.places, axis=1)
+    farthest = float(lengths[animal.places[:, 0] < HEAD].max())
     if farthest > STILL:
-        if animal.step.trend != "none" and animal.step.support is not None:
+        if any(step.trend != "none" and step.support is not None for step in animal.steps):
             return (
                 f"The head moves by up to {farthest:.1f} mm. The trend moves the picture as a whole: choose None "
                 "for Trend in the panel (Shape), or put more points on the head."

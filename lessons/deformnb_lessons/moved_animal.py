@@ -1,4 +1,4 @@
-"""The animal on a picture from the left, and where a step takes it: what the exercises in the studio are judged by."""
+"""The animal on a picture from the left, and where the steps take it: by these the studio's exercises are judged."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Floats
 from deformnb.analysis.folds import Folds, find_folds
-from deformnb.document.deformation import Step
+from deformnb.document.deformation import MODES, Step
 from deformnb.imaging.figures import picture_field
 from deformnb.imaging.projection import project
-from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.registration.outlines import outline
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture, Plane, Raster
@@ -40,49 +40,77 @@ _STAYS = 2 / 3
 _LOST = 0.01
 
 
-def step_fault(session: Session) -> str:
-    """Reason why the edited step of a session cannot be judged; an empty text if it can."""
-    step = session.editing.step
-    if step.plane is None:
-        return "The points of this step lie in space; add a step on a picture and work there."
-    if not _drags(step):
-        return "Nothing has been dragged yet. Drag a point on the picture, and check again."
-    if session.steps.view_of(step.plane) != SIDE:
+NOTHING_DRAGGED = "Nothing has been dragged yet. Drag a point on the picture, and check again."
+
+
+def steps_fault(session: Session) -> str:
+    """Reason why the steps of a session cannot be judged together; an empty text if they can."""
+    moving = _moving_steps(session)
+    if any(step.plane is None for step in moving or [session.editing.step]):
+        return "A step has its points in space. Remove it or switch it off, and work on the picture from the left (-x)."
+    sides = {session.steps.view_of(step.plane) for step in moving or [session.editing.step]}
+    if SIDE not in sides:
         return LOOK_FROM_LEFT
-    others = [other for k, other in enumerate(session.editing.deformation.steps) if k != session.editing.index]
-    if any(map(_drags, others)):
-        return "Another step drags points too. Remove it or switch it off, so that one step does it all."
-    if session.pictures.changes_with_depth:
+    if not moving:
+        return NOTHING_DRAGGED
+    if len(sides) > 1:
+        return (
+            "A step drags points on another side. Remove it or switch it off, and use the picture from the left (-x)."
+        )
+    if any(step.extrusion != "replicate" for step in moving):
         return "The drag is not the same at every depth. Choose Replicate in the panel (Depth), and check again."
     return ""
 
 
-def _drags(step: Step) -> bool:
-    return step.enabled and any(bool(points.displacement[points.active].any()) for points in step.maps)
+def _moving_steps(session: Session) -> list[Step]:
+    return [step for step in session.editing.deformation.steps if step.enabled and _moves(step)]
+
+
+def _moves(step: Step) -> bool:
+    return any(bool(points.displacement[points.active].any()) for points in step.maps) or any(
+        part.motion is not None for part in step.parts
+    )
 
 
 @dataclass(frozen=True)
 class MovedAnimal:
-    """The animal on the picture of a step, before and after it.
+    """The animal on the picture of some steps, before the first and after the last.
 
     Parameters
     ----------
     volume : with the animal.
-    step : on a plane, the same at every depth.
+    steps : one or more, on one plane, the same at every depth.
+    mode : how they add up, a name of :data:`~deformnb.document.deformation.MODES`.
     """
 
     volume: VolumeLike
-    step: Step
+    steps: tuple[Step, ...]
+    mode: str = "compose"
+
+    @classmethod
+    def of(cls, session: Session) -> MovedAnimal:
+        """The animal of a session in which :func:`steps_fault` finds none."""
+        return cls(session.volume, tuple(_moving_steps(session)), session.editing.deformation.mode)
 
     @cached_property
     def _plane(self) -> Plane:
-        assert self.step.plane is not None
-        return self.step.plane
+        plane = self.steps[0].plane
+        assert plane is not None
+        return plane
 
     @cached_property
     def field(self) -> AbstractField:
-        """Displacement of the picture."""
-        return picture_field(self.step, as_volume(self.volume).grid)
+        """Displacement of the picture by all steps."""
+        return self._field_of(self.steps)
+
+    def _field_of(self, steps: tuple[Step, ...]) -> AbstractField:
+        grid = as_volume(self.volume).grid
+        return MODES[self.mode](*(picture_field(step, grid) for step in steps)) if steps else Identity(2)
+
+    def around(self, number: int) -> tuple[AbstractField, AbstractField]:
+        """Displacements of the picture by the steps before one of them, and by this one and those after it."""
+        at = number if self.mode == "compose" else 0
+        return self._field_of(self.steps[:at]), self._field_of(self.steps[at:])
 
     @cached_property
     def _silhouette(self) -> Picture:
@@ -112,7 +140,7 @@ class MovedAnimal:
         return line[np.roll(line, -1, axis=0)[:, 0] > np.roll(line, 1, axis=0)[:, 0]]
 
     def is_tissue(self, places: Floats) -> NDArray[np.bool_]:
-        """Check whether places (n, 2) before the step show the animal."""
+        """Check whether places (n, 2) before the steps show the animal."""
         raster = self._silhouette.raster
         pixels = np.rint((places - raster.origin) / raster.spacing).astype(np.int64)
         within = np.clip(pixels, 0, np.array(raster.shape[::-1]) - 1)
@@ -153,10 +181,10 @@ class MovedAnimal:
         return ""
 
     def displacement_of(self, places: Floats) -> Floats:
-        """Ways (n, 2) of places before the step."""
+        """Forward displacements (n, 2) of places before the steps."""
         return warp_points(places, self.field)[0] - places
 
 
-def reached(ways: Floats) -> float:
-    """The way that a part of the animal goes, of the ways (n,) of its places: a single place is a speck."""
-    return float(np.sort(ways)[-_LEAST_PLACES]) if len(ways) >= _LEAST_PLACES else 0.0
+def reached(lengths: Floats) -> float:
+    """The displacement of a part of the animal, of those (n,) of its places: a single place is a speck."""
+    return float(np.sort(lengths)[-_LEAST_PLACES]) if len(lengths) >= _LEAST_PLACES else 0.0

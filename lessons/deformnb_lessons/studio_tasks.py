@@ -16,7 +16,7 @@ from deformnb.session.session import Session
 from deformnb.volume.volume import VolumeLike
 from deformnb.words import translate
 from deformnb_lessons.exercises import AbstractExercise, Result
-from deformnb_lessons.moved_animal import LOOK_FROM_LEFT, SIDE, MovedAnimal, step_fault
+from deformnb_lessons.moved_animal import NOTHING_DRAGGED, SIDE, MovedAnimal, steps_fault
 
 _NEAR = 0.5  # percent of the change, and pixels of the drawing: a smaller drag was accidental
 
@@ -34,8 +34,8 @@ class StudioTask(AbstractExercise):
     Parameters
     ----------
     question, praise : see :class:`AbstractExercise`.
-    fault : hint to a deficit of the animal as the edited step moves it; an empty text if nothing is. Folds in tissue
-        are none of its concern: no exercise allows them.
+    fault : hint to a deficit of the animal as the steps move it; an empty text if there is none. Folds in tissue are
+        judged before: no exercise allows them.
 
     Examples
     --------
@@ -51,15 +51,16 @@ class StudioTask(AbstractExercise):
         if session is None:
             return self._no(_GIVE)
         try:
-            missing = step_fault(session)
+            missing = steps_fault(session)
             if not missing:
-                animal = MovedAnimal(session.volume, session.editing.step)
+                animal = MovedAnimal.of(session)
                 missing = animal.fault() or self.fault(animal)
         except DeformError as error:
             return self._no(str(error))
         return self._no(missing) if missing else self._yes()
 
 
+_DRAG_NODES = "Nothing has been dragged yet. Drag the points to where their nodes belong, and check again."
 _GIVE = 'Give the studio itself, as in lesson.check("name", studio): its cell has to be run first.'
 
 
@@ -94,25 +95,21 @@ class FishTask(AbstractExercise):
         session = session_of(answer)
         if session is None:
             return self._no(_GIVE)
-        planes = [step.plane for step in session.editing.deformation.steps if step.enabled]
-        plane = planes[0] if planes else None
-        if plane is None or session.steps.view_of(plane) != SIDE:
-            return self._no(LOOK_FROM_LEFT)
         grids = self.grids(session.volume)
         try:
-            score = thompson_score(session.editing.deformation, grids, grid=session.volume)
+            missing = steps_fault(session)
+            if missing:
+                return self._no(_DRAG_NODES if missing == NOTHING_DRAGGED else missing)
+            animal = MovedAnimal.of(session)
+            score = thompson_score(animal.field, grids)
         except DeformError as error:
             return self._no(str(error))
         if abs(score.percent) < _NEAR and np.abs(score.before - score.distances).max() < _NEAR:
-            return self._no(
-                "Nothing has been dragged yet. Drag the points to where their nodes belong, and check again."
-            )
+            return self._no(_DRAG_NODES)
         drawing = grids_svg(score, grids)
         verdict = f"Your fish: {score}. {_advice(score)}"
         if score.percent >= self.percent:
-            steps = [step for step in session.editing.deformation.steps if step.enabled and step.plane is not None]
-            faults = filter(None, (MovedAnimal(session.volume, step).fault() for step in steps))
-            if fault := next(faults, ""):
+            if fault := animal.fault():
                 return Result(False, f"{verdict} {fault}", drawing)
             return Result(True, f"{verdict} {self.praise}", drawing)
         more = f"{self.percent:g} % is enough for a boarfish."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ TASKS = [name for name in ALL if isinstance(ALL[name].exercises[name], StudioTas
 class Deed:
     """A deed of a pupil in a studio: points from where to where, on one side, and settings of the step.
 
-    ``words`` are in the hint; ``other`` are points of a second step.
+    ``words`` are in the hint; ``other`` are points of a second step, on the side ``other_view`` or in space.
     """
 
     words: str
@@ -34,15 +34,18 @@ class Deed:
     settings: dict[str, Any] = field(default_factory=dict)
     changes: dict[str, Any] = field(default_factory=dict)
     other: Sequence[Way] = ()
+    other_view: str = "-x"
+    other_settings: dict[str, Any] = field(default_factory=dict)
 
     def session(self, carp: dn.Volume) -> Session:
         made = dn.Deformation.from_picture_points(carp, self.view, _points(self.ways), **self.settings)
-        if self.other:
-            made = made.then(dn.Deformation.from_picture_points(carp, self.view, _points(self.other)).steps[0])
-        session = Session(carp, made, view=self.view)
-        if self.changes:
-            session.editing.change(**self.changes)
-        return session
+        made = replace(made, steps=(replace(made.steps[0], **self.changes),))
+        if self.other_view == "space":
+            made = made.then(dn.Deformation.from_space_points(dn.ControlPoints.from_arrays([[0] * 3], [[20, 0, 0]])))
+        elif self.other:
+            more = dn.Deformation.from_picture_points(carp, self.other_view, _points(self.other), **self.other_settings)
+            made = made.then(more)
+        return Session(carp, made, view=self.view)
 
 
 def _points(ways: Sequence[Way]) -> dn.ControlPoints:
@@ -88,26 +91,43 @@ def _goal(share: float = 1.0, order: int = 1) -> list[Way]:
     return list(zip(map(tuple, points.source), map(tuple, points.target[::order]), strict=True))
 
 
+def _half(source: tuple[float, float], target: tuple[float, float]) -> tuple[float, float]:
+    return (source[0] + target[0]) / 2, (source[1] + target[1]) / 2
+
+
 UNFOLD = {"trend": "none", "support": 175.0}
 
+_RIGID = {"trend": "rigid"}
+_LOCAL = {"trend": "none", "support": 120.0}
+
 RIGHT: dict[str, list[Deed]] = {
-    "antigonia": [Deed("", _goal()), Deed("", _goal(0.95))],
+    "antigonia": [
+        Deed("", _goal()),
+        Deed("", _goal(0.95)),
+        Deed("", _goal(0.5), other=[(_half(*pair), pair[1]) for pair in _goal()]),
+    ],
     "local": [
         Deed("", **_lift((250, 30), (250, 5))),
         Deed("", **_lift((250, 25), (250, 5))),
         Deed("", **_lift((250, 60), (250, 20))),
         Deed("", **_lift((250, 30), (250, 5), *HEAD, support=None)),
+        Deed("", **_lift((250, 30), (250, 18)), other=[((250, 18), (250, 4))], other_settings=_LOCAL),
     ],
-    "turned": [Deed("", _turned(way), settings={"trend": "rigid"}) for way in (18, -18, 15)],
+    "turned": [
+        *(Deed("", _turned(degrees), settings={"trend": "rigid"}) for degrees in (18, -18, 15)),
+        Deed("", _turned(9), settings=_RIGID, other=_turned(8), other_settings=_RIGID),
+    ],
     "unfold": [
         Deed("", [((200, 100), (280, 100))], settings=UNFOLD),
         Deed("", [((200, 100), (275, 100))], settings=UNFOLD),
         Deed("", [((300, 100), (220, 100))], settings={"trend": "none", "support": 240.0}),
+        Deed("", [((200, 100), (240, 100))], settings=_LOCAL, other=[((240, 100), (280, 100))], other_settings=_LOCAL),
     ],
     "cut": [
         Deed("", **_cut(*_pull(-30, 30))),
         Deed("", **_cut(*_pull(-30, 30), line=((250, 190), (250, 5)))),
         Deed("", **_cut(*_pull(-30, 5))),
+        Deed("", **_cut(*_pull(-30, 30)), other=_turned(12), other_settings=_RIGID),
     ],
 }
 
@@ -120,7 +140,9 @@ WRONG: dict[str, list[Deed]] = {
         Deed("farther away", _goal(order=-1)),
         Deed("from the left", _goal(), view="+x"),
         Deed("from the left", _goal(), view="+y"),
-        Deed("from the left", _goal(), changes={"enabled": False}),
+        Deed("Nothing has been", _goal(), changes={"enabled": False}),
+        Deed("every depth", _goal(), changes={"extrusion": "modulate"}),
+        Deed("on another side", _goal(), other=OTHER, other_view="+y"),
         Deed("% is enough", _goal(), changes={"strength": 0.4}),
         Deed("folds", [*_goal(), *SPECK]),
         Deed("", [((5000, 100), (5080, 100))]),
@@ -140,7 +162,9 @@ WRONG: dict[str, list[Deed]] = {
         Deed("Nothing has been", **_lift((250, 30), (250, 5)), changes={"enabled": False}),
         Deed("lifted by", **_lift((250, 30), (250, 5)), changes={"strength": 0.4}),
         Deed("from the left", **_lift((250, 30), (250, 5)), view="+x"),
-        Deed("Another step", **_lift((250, 30), (250, 5)), other=OTHER),
+        Deed("head moves", **_lift((250, 30), (250, 5)), other=OTHER, other_settings=_RIGID),
+        Deed("in space", **_lift((250, 30), (250, 5)), other=OTHER, other_view="space"),
+        Deed("on another side", **_lift((250, 30), (250, 5)), other=OTHER, other_view="+y"),
         Deed("every depth", **_lift((250, 30), (250, 5)), changes={"extrusion": "modulate"}),
     ],
     "turned": [
@@ -157,7 +181,8 @@ WRONG: dict[str, list[Deed]] = {
         Deed("Nothing has been", _turned(18), settings={"trend": "rigid"}, changes={"enabled": False}),
         Deed("", _turned(18), settings={"trend": "rigid"}, changes={"strength": 0.5}),
         Deed("from the left", _turned(18), settings={"trend": "rigid"}, view="+x"),
-        Deed("Another step", _turned(18), settings={"trend": "rigid"}, other=OTHER),
+        Deed("by 3 degrees", _turned(18), settings=_RIGID, other=_turned(-15), other_settings=_RIGID),
+        Deed("on another side", _turned(18), settings={"trend": "rigid"}, other=OTHER, other_view="+y"),
     ],
     "unfold": [
         Deed("Nothing has been", [((200, 100), (200, 100))], settings=UNFOLD),
@@ -172,7 +197,14 @@ WRONG: dict[str, list[Deed]] = {
         Deed("Nothing has been", [((200, 100), (280, 100))], settings=UNFOLD, changes={"enabled": False}),
         Deed("folds", [((200, 100), (280, 100)), ((330, 100), (350, 100)), ((334, 100), (330, 100))], settings=UNFOLD),
         Deed("from the left", [((200, 100), (280, 100))], settings=UNFOLD, view="+x"),
-        Deed("Another step", [((200, 100), (280, 100))], settings=UNFOLD, other=OTHER),
+        Deed(
+            "farther than",
+            [((200, 100), (280, 100))],
+            settings=UNFOLD,
+            other=[((280, 100), (220, 100))],
+            other_settings=UNFOLD,
+        ),
+        Deed("in space", [((200, 100), (280, 100))], settings=UNFOLD, other=OTHER, other_view="space"),
     ],
     "cut": [
         Deed("Nothing has been", **_cut()),
@@ -180,15 +212,16 @@ WRONG: dict[str, list[Deed]] = {
         Deed("no cut yet", **_cut(*_pull(-30, 30), enabled=False)),
         Deed("parts nothing", **_cut(*_pull(-30, 30), line=((700, 0), (700, 190)))),
         Deed("parts nothing", **_cut(*_pull(-30, 30), line=((0, 5), (500, 5)))),
-        Deed("0 mm apart", **_cut(*_pull(60, -60))),
-        Deed("0 mm apart", **_cut(*_pull(20, -20))),
+        Deed("together, by", **_cut(*_pull(60, -60))),
+        Deed("together, by", **_cut(*_pull(20, -20))),
         Deed("0 mm apart", **_cut(*_pull(0, 0, 30))),
         Deed("Only one side", **_cut(*_pull(-30, 0))),
         Deed("Only one side", **_cut(*_pull(0, 30))),
         Deed("mm apart", **_cut(*_pull(-3, 3))),
-        Deed("mm apart", **_cut(((5000, 100), (5080, 100)))),
+        Deed("Put a point on each side", **_cut(((5000, 100), (5080, 100)))),
         Deed("folds", **_cut(*_pull(-30, 30), *[((a + 60, b), (c + 60, d)) for (a, b), (c, d) in SPECK])),
-        Deed("Another step", **_cut(*_pull(-30, 30)), other=OTHER),
+        Deed("in space", **_cut(*_pull(-30, 30)), other=OTHER, other_view="space"),
+        Deed("on another side", **_cut(*_pull(-30, 30)), other=OTHER, other_view="+x"),
     ],
 }
 
