@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,12 +19,14 @@ from deformnb.datasets import DATASETS, PHANTOMS
 from deformnb_lessons import LESSONS, write_lesson_page
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.resolve().parent))  # for docs.pictures
 
 project = "deformnb"
 author = copyright = "The deformnb developers"  # noqa: A001 (Sphinx calls it so)
 version = release = dn.__version__
 
 extensions = [
+    "docs.pictures",
     "myst_nb",
     "numpydoc",
     "sphinx.ext.autodoc",
@@ -32,7 +35,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
 ]
-exclude_patterns = ["_build", "api/_datasets.md"]
+exclude_patterns = ["_build", "_pictures", "api/_datasets.md"]
 
 # -- pages in Markdown, and the notebooks ------------------------------------------------------------------------------
 myst_enable_extensions = ["colon_fence", "dollarmath", "fieldlist"]

@@ -10,24 +10,91 @@ from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import numpy as np
 import pytest
+from PIL import Image
+
+from docs.pictures import READERS_FILE, page_parts, run_page, write_picture
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 PAGES = [DOCS / "getting_started.md", DOCS / "lessons.md", DOCS / "how_it_works.md", *sorted(DOCS.glob("howto/*.md"))]
-WITH_CODE = [page for page in PAGES if BLOCK.search(page.read_text("utf-8"))]
+WITH_CODE = [page for page in PAGES if any(kind == "python" for kind, _, _ in page_parts(page.read_text("utf-8")))]
+MOST_BYTES = 150_000  # of a picture: a page with three opens at once on a phone
 
 
 @pytest.mark.sampled(11)
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
-def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    scope: dict[str, object] = {}
-    for block in BLOCK.findall(page.read_text("utf-8")):
-        if "scan.nii.gz" not in block:  # a file of the reader's
-            exec(block, scope)  # one goes on where the one before has ended
-    assert "dn" in scope
+def test_the_python_of_a_page_runs_and_makes_its_pictures(page: Path, tmp_path: Path) -> None:
+    text = page.read_text("utf-8")
+    assert re.search(r"^import deformnb as dn$|^from deformnb", text, re.MULTILINE)
+    (tmp_path / "run").mkdir()
+    shown = run_page(text, tmp_path / "run")
+    assert len(shown) == sum(kind == "picture" for kind, _, _ in page_parts(text))
+    for number, one in enumerate(shown):
+        file = write_picture(one, tmp_path / "pictures" / str(number))
+        assert file.stat().st_size < MOST_BYTES
+        with Image.open(file) as picture:
+            assert 480 <= picture.width <= 1280
+            assert np.asarray(picture.convert("L")).std() > 4, "nothing is seen in it"
+
+
+PICTURE = """
+Text, and a file of the reader's:
+
+```python
+raise ValueError("scan.nii.gz is not there")
+```
+
+```python
+import matplotlib.pyplot as plt
+from PIL import Image
+
+a = Image.new("RGB", (20, 10))
+a
+```
+
+```{picture} A black picture
+A caption.
+```
+
+```python
+plt.plot([0, 1]);
+```
+
+```{picture} A line
+```
+
+```python
+a.save("b.png")
+```
+
+```{picture} The same again
+:file: b.png
+```
+"""
+
+
+def test_pictures_are_what_the_python_above_them_has_made(tmp_path: Path) -> None:
+    assert [kind for kind, _, _ in page_parts(PICTURE)] == ["python", "python", *["picture", "python"] * 2, "picture"]
+    assert READERS_FILE in page_parts(PICTURE)[0][2]
+    image, figure, file = run_page(PICTURE, tmp_path)
+    assert image.size == (20, 10)
+    assert [line.get_ydata().tolist() for line in figure.axes[0].lines] == [[0, 1]]
+    assert file == tmp_path / "b.png"
+    written = [write_picture(one, tmp_path / f"p{k}").name for k, one in enumerate((image, figure, file))]
+    assert written == ["p0.webp", "p1.webp", "p2.png"]
+    with pytest.raises(ValueError, match="'A black picture' ends with no picture, but with None"):
+        run_page(PICTURE.replace("\na\n", "\n"), tmp_path)
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
+def test_pictures_have_a_text_for_those_who_do_not_see_them(page: Path) -> None:
+    text = page.read_text("utf-8")
+    texts = [argument for kind, argument, _ in page_parts(text) if kind == "picture"]
+    texts += re.findall(r"!\[([^\]]*)\]\(", text) + re.findall(r":img-alt:(.*)", text)
+    assert [one for one in texts if len(one.split()) < 3] == []
+    assert text.count(":img-top:") == text.count(":img-alt:")
 
 
 def dead_links(folder: Path) -> set[tuple[str, str]]:

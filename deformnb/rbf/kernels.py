@@ -102,9 +102,9 @@ class AbstractKernel(ABC):
 
     @staticmethod
     def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats] | None:
-        """Bounds of |phi'| and of the second derivatives (the larger of |phi''| and |phi' / rho|) for rho from a to b.
+        """Bounds of ``|phi'|`` and of the second derivatives for rho from a to b.
 
-        None where there are none: the field is then evaluated at every voxel of a block beforehand.
+        The latter is the larger of ``|phi''|`` and ``|phi' / rho|``. None where there are none: the field is then evaluated at every voxel of a block beforehand.
         """
         return None
 

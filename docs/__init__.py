@@ -1,0 +1,1 @@
+"""The documentation: its pages, and the Python that Sphinx builds them with."""
