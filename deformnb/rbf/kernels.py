@@ -104,7 +104,8 @@ class AbstractKernel(ABC):
     def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats] | None:
         """Bounds of ``|phi'|`` and of the second derivatives for rho from a to b.
 
-        The latter is the larger of ``|phi''|`` and ``|phi' / rho|``. None where there are none: the field is then evaluated at every voxel of a block beforehand.
+        The latter is the larger of ``|phi''|`` and ``|phi' / rho|``. None where there are none: the field is then
+        evaluated at every voxel of a block beforehand.
         """
         return None
 
