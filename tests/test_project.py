@@ -102,6 +102,7 @@ def _imported(folder: Path) -> set[str]:
         "deformnb_lessons",
         "benchmarks",
         "browser",
+        "docs",
         "mutants",
         "native_build",
         "node_tasks",
