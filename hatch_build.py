@@ -1,4 +1,7 @@
-"""Builds what is made of other languages: the bundles of the front end, which an sdist has, and the compiled loops."""
+"""Builds what is made of other languages: the bundles of the front end, which an sdist has, and the compiled loops.
+
+The description that an index of packages shows is made here too, of README.md.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import native_build
 import node_tasks
+import readme_links
 
 
 class BuildHook(BuildHookInterface):  # type: ignore[type-arg]
@@ -59,6 +64,18 @@ class BuildHook(BuildHookInterface):  # type: ignore[type-arg]
             build_data["pure_python"] = False
             build_data["tag"] = f"py3-none-{tag}"
             build_data["force_include"][str(library)] = f"deformnb/native/lib/{library.name}"
+
+
+class MetadataHook(MetadataHookInterface):
+    """The README and the addresses of a package, which lead to the public home."""
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Fill in the fields that pyproject.toml calls dynamic."""
+        public = readme_links.read_project(Path(self.root))["tool"]["deformnb"]["public"]
+        text = Path(self.root, "README.md").read_text(encoding="utf-8")
+        text = readme_links.absolute_links(text, public["repository"], metadata["version"])
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
+        metadata["urls"] = readme_links.public_urls(public)
 
 
 def _skips_loops() -> bool:

@@ -11,6 +11,7 @@ from typing import Any
 
 import latex2mathml.converter
 import numpy as np
+import yaml
 from docutils import nodes
 
 import deformnb as dn
@@ -35,7 +36,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
 ]
-exclude_patterns = ["_build", "_pictures", "api/_datasets.md"]
+exclude_patterns = ["_build", "_pictures", "api/_citation.md", "api/_datasets.md"]
 
 # -- pages in Markdown, and the notebooks ------------------------------------------------------------------------------
 myst_enable_extensions = ["colon_fence", "dollarmath", "fieldlist"]
@@ -119,6 +120,34 @@ def _make_datasets() -> None:
     ]
     (HERE / "api").mkdir(exist_ok=True)
     (HERE / "api" / "_datasets.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def _bibtex(kind: str, key: str, fields: dict[str, Any]) -> str:
+    lines = [f"  {name} = {{{value}}}," for name, value in fields.items() if value]
+    return "\n".join([f"@{kind}{{{key},", *lines, "}"])
+
+
+def _make_citation() -> None:
+    """The entries of CITATION.cff as BibTeX, as a part of a page."""
+    software = yaml.safe_load((HERE.parent / "CITATION.cff").read_text(encoding="utf-8"))
+    (paper,) = software["references"]
+    own = {
+        "title": f"{software['title']}: {software['abstract']}",
+        "author": " and ".join(f"{{{row['name']}}}" for row in software["authors"]),
+        "version": software["version"],
+        "url": software.get("repository-code", ""),
+    }
+    method = {
+        "title": paper["title"],
+        "author": " and ".join(f"{row['family-names']}, {row['given-names']}" for row in paper["authors"]),
+        "booktitle": paper["collection-title"],
+        "year": paper["year"],
+        "pages": f"{paper['start']}--{paper['end']}",
+        "doi": paper["doi"],
+    }
+    text = "\n\n".join([_bibtex("software", "deformnb", own), _bibtex("inproceedings", "correa2007volume", method)])
+    (HERE / "api").mkdir(exist_ok=True)
+    (HERE / "api" / "_citation.md").write_text(f"```bibtex\n{text}\n```\n", encoding="utf-8")
 
 
 def _public() -> dict[str, list[str]]:
@@ -230,5 +259,6 @@ def setup(app: Any) -> None:
     _make_live_pages()
     _make_lesson_pages()
     _make_datasets()
+    _make_citation()
     _make_reference()
     _copy_notebooks()

@@ -18,7 +18,8 @@ from docs.pictures import READERS_FILE, page_parts, run_page, write_picture
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-PAGES = [DOCS / "getting_started.md", DOCS / "lessons.md", DOCS / "how_it_works.md", *sorted(DOCS.glob("howto/*.md"))]
+SINGLE = ("getting_started", "lessons", "how_it_works", "reliability")
+PAGES = [*(DOCS / f"{name}.md" for name in SINGLE), *sorted(DOCS.glob("howto/*.md"))]
 WITH_CODE = [page for page in PAGES if any(kind == "python" for kind, _, _ in page_parts(page.read_text("utf-8")))]
 MOST_BYTES = 150_000  # of a picture: a page with three opens at once on a phone
 

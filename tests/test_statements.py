@@ -1,0 +1,135 @@
+"""Statements that README, documentation and program share: one source, or compared here."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image, ImageSequence
+
+import deformnb as dn
+from docs import thompson_picture
+from readme_links import absolute_links, public_urls, read_project, relative_links
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PROJECT = read_project()
+PUBLIC: dict[str, str] = PROJECT["tool"]["deformnb"]["public"]
+FOR_USERS = {"formats", "interop", "large", "movie", "notebook"}  # the other extras are for those who work on the code
+
+
+def _text(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+# -- the README --------------------------------------------------------------------------------------------------------
+
+
+def test_the_readme_is_short_and_begins_with_the_moving_picture() -> None:
+    text = _text("README.md")
+    assert len(text.splitlines()) <= 100
+    first = re.search(r"!\[[^\]]+\]\((\S+)\)", text)
+    assert first is not None
+    assert first[1] == "docs/thompson.webp"
+
+
+def test_the_links_of_the_readme_lead_to_files_and_on_an_index_to_the_repository() -> None:
+    text = _text("README.md")
+    links = relative_links(text)
+    assert len(links) > 15
+    assert [link for link in links if not (ROOT / link.partition("#")[0]).is_file()] == []
+    public = absolute_links(text, "https://code.example/deformnb", "1.2")
+    assert relative_links(public) == []
+    assert "](https://code.example/deformnb/raw/v1.2/docs/thompson.webp)" in public
+    assert "](https://code.example/deformnb/blob/v1.2/LICENSE)" in public
+    assert public.count("](https://doi.org/") == text.count("](https://doi.org/") > 0
+    assert absolute_links(text, "", "1.2") == text
+
+
+def test_the_public_addresses_have_one_source() -> None:
+    assert set(PUBLIC) == {"repository", "documentation", "support", "security"}
+    assert "urls" in PROJECT["project"]["dynamic"]
+    assert all(url.startswith("https://") for url in public_urls(PUBLIC).values())
+    citation = yaml.safe_load(_text("CITATION.cff"))
+    assert citation.get("repository-code", "") == PUBLIC["repository"]
+    filled = public_urls({"repository": "https://code.example/d", "documentation": "https://d.example"})
+    assert filled.keys() == {"Paper", "Repository", "Issues", "Documentation"}
+    assert filled["Paper"].endswith(citation["references"][0]["doi"])
+
+
+LOSS = 12.0  # mean difference of grey values that the compression of the movie makes at most
+
+
+def test_the_moving_picture_is_what_its_script_makes() -> None:
+    assert thompson_picture.PATH.stat().st_size < 600_000
+    grids = thompson_picture.place_grids()
+    raster = thompson_picture.frame_of(grids)
+    goal = thompson_picture.original(grids, raster)
+    shares = thompson_picture.shares()
+    with Image.open(thompson_picture.PATH) as movie:
+        pages = [np.asarray(page.convert("L"), np.float64) for page in ImageSequence.Iterator(movie)]
+    assert len(pages) == len(shares)
+    for k in (0, thompson_picture.STEPS // 2, thompson_picture.STEPS):
+        made = thompson_picture.sheet(thompson_picture.morph(grids, shares[k], raster), goal, shares[k])
+        distances = [np.abs(np.asarray(made) - page).mean() for page in pages[: thompson_picture.STEPS + 1]]
+        assert np.argmin(distances) == k
+        assert distances[k] < LOSS
+    assert shares[thompson_picture.STEPS] == 1
+
+
+# -- lists -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_features_name_every_command_and_every_package() -> None:
+    text = _text("docs/features.md")
+    done = subprocess.run([sys.executable, "-m", "deformnb", "--help"], capture_output=True, text=True, check=True)
+    commands = re.findall(r"^    (\w+) {2,}\S", done.stdout, re.MULTILINE)
+    assert len(commands) > 8
+    (row,) = re.findall(r"^\| command line \| (.*) \|$", text, re.MULTILINE)
+    assert re.findall(r"`(?:deformnb )?(\w+)`", row) == commands
+    packages = {name for name in dir(dn) if isinstance(getattr(dn, name), ModuleType)}
+    named = set(re.findall(r"`dn\.(\w+)`", text.partition("| part |")[0]))
+    assert packages <= named <= set(dir(dn))
+
+
+def test_the_extras_of_users_are_listed_once() -> None:
+    extras: dict[str, Any] = PROJECT["project"]["optional-dependencies"]
+    text = _text("docs/getting_started.md")
+    assert set(re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)) == FOR_USERS <= set(extras)
+    named = {}
+    for path in (ROOT / "README.md", ROOT / "lessons" / "README.md", *DOCS.glob("*.md"), *DOCS.glob("howto/*.md")):
+        for target in re.findall(r"pip install (?:-U )?([^\n`#]*?)(?=\s*[`#\n]|\" )", path.read_text(encoding="utf-8")):
+            for one in re.findall(r"(?:\.|deformnb)\[([\w,]+)\]", target):
+                named.setdefault(path.name, set()).update(one.split(","))
+            assert not re.search(r"\bdeformnb(?!\[)", target), f"{path.name}: it is on no index yet: {target}"
+    assert set().union(*named.values()) <= FOR_USERS
+
+
+def test_what_is_said_to_be_measured_nowhere_has_no_figures() -> None:
+    """docs/howto/devices.md and docs/speed.md have figures of a GPU; no other page says that there are none."""
+    assert re.search(r"NVIDIA H\d00", _text("docs/speed.md"))
+    for path in (ROOT / "README.md", *DOCS.glob("*.md"), *DOCS.glob("howto/*.md")):
+        for sentence in re.split(r"(?<=[.;|])\s", path.read_text(encoding="utf-8")):
+            if re.search(r"nobody has|measured nowhere|was never|not been measured", sentence, re.IGNORECASE):
+                assert not re.search(r"GPU|CUDA|NVIDIA", sentence), f"{path.name}: {sentence}"
+
+
+@pytest.mark.parametrize("heading", re.findall(r"^## (.+)$", _text("docs/coming_from.md"), re.MULTILINE))
+def test_the_page_of_other_programs_links_them(heading: str) -> None:
+    section = _text("docs/coming_from.md").split(f"## {heading}\n")[1].partition("\n## ")[0]
+    for program in re.split(r", | and ", heading):
+        if program != "Morphologika":  # its page is gone
+            assert re.search(rf"\[{re.escape(program)}\]\(https://", section), program
+
+
+@pytest.mark.parametrize("word", ["citation", "video"])
+def test_the_documentation_has_the_words_that_people_search_for(word: str) -> None:
+    pages = [*DOCS.glob("*.md"), *DOCS.glob("howto/*.md")]
+    assert any(re.search(rf"\b{word}\b", page.read_text(encoding="utf-8"), re.IGNORECASE) for page in pages)
