@@ -18,7 +18,7 @@ c.Authenticator.allow_all = True
 
 # The lesson is copied into the pupil's folder at the first start; a copy that is there is kept.
 c.Spawner.cmd = ["sh", "-c", f"{sys.executable} -m deformnb lesson coordinates . --copy && exec jupyterhub-singleuser"]
-c.Spawner.default_url = "/lab/tree/1_coordinates_and_grids.ipynb"
+c.Spawner.default_url = "/lab/tree/1a_coordinates_and_grids.ipynb"
 c.Spawner.mem_guarantee = "400M"
 c.Spawner.mem_limit = "1200M"  # told to kernels; it is enforced by spawners with containers
 c.Spawner.start_timeout = 120

@@ -1,4 +1,4 @@
-"""Lessons for pupils and first-year students: four notebooks with exercises that check themselves.
+"""Lessons for pupils and first-year students: five notebooks with exercises that check themselves.
 
 ``deformnb lesson`` lists them and ``deformnb lesson coordinates`` opens one. In a notebook, ``LESSONS["coordinates"]``
 is the lesson, and its ``check`` answers with a hint.

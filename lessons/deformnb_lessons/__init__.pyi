@@ -1,12 +1,13 @@
-from .coordinates import GOAL_NODES as GOAL_NODES
 from .exercises import Choice as Choice
 from .exercises import Numbers as Numbers
 from .exercises import Result as Result
+from .fish import GOAL_NODES as GOAL_NODES
 from .followed_result import FollowedResult as FollowedResult
 from .lesson import LESSONS as LESSONS
 from .lesson import Lesson as Lesson
-from .pages import lesson_carp as lesson_carp
+from .moved_animal import lesson_carp as lesson_carp
 from .pages import lesson_start as lesson_start
 from .pages import write_lesson_page as write_lesson_page
+from .questions import Question as Question
 from .studio_tasks import FishTask as FishTask
 from .studio_tasks import StudioTask as StudioTask

@@ -58,8 +58,7 @@ def _lesson(options: argparse.Namespace) -> None:
     code = language(options.language)
     if options.name is None:
         for name, lesson in LESSONS.items():
-            minutes = f"{lesson.minutes[0]} to {lesson.minutes[1]} minutes"
-            print(f"{name:14}{translate(lesson.title, code)}, {translate(minutes, code)}")
+            print(f"{name:14}{translate(lesson.title, code)}, {translate(lesson.time, code)}")
         chosen = "" if options.language is None else f" --language {code}"
         print(translate(f"open one with: deformnb lesson {next(iter(LESSONS))}{chosen}", code))
         return
@@ -105,7 +104,7 @@ def lesson_notebook(name: str) -> Path:
     Examples
     --------
     >>> lesson_notebook("coordinates").name
-    '1_coordinates_and_grids.ipynb'
+    '1a_coordinates_and_grids.ipynb'
     """
     from deformnb_lessons import LESSONS
 

@@ -1,4 +1,4 @@
-"""Exercises of the first lesson: coordinates and grids.
+"""Exercises of the first half of the first lesson: coordinates and grids.
 
 The slope and the angle of *Sternoptyx* are those of its outer columns as read from Thompson's figure 374 (1917); he
 himself prints 70 degrees.
@@ -7,12 +7,24 @@ himself prints 70 degrees.
 from __future__ import annotations
 
 from deformnb_lessons.exercises import AbstractExercise, Choice, Numbers
-from deformnb_lessons.studio_tasks import FishTask
-
-GOAL_NODES = [8 * row + column for row in (0, 3, 6) for column in (0, 2, 4, 7)]
-"""The nodes of Polyprion's grid, row by row, that are the points of the exercise "antigonia"."""
 
 EXERCISES: dict[str, AbstractExercise] = {
+    "eye": Numbers(
+        "Which node of Polyprion's grid is nearest to its eye?",
+        "The eye is next to r2 c1, and so is the eye of Antigonia: the lines pass through the same parts of both.",
+        (2, 1),
+        0.1,
+        "Find the eye, then follow the two nearest lines: the row to its number at the left, the column to its number "
+        "above.",
+        (
+            ((1, 2), "The row comes first: its number is at the left."),
+            ((3, 2), "Rows and columns are counted from 0."),
+            ((2, 2), "The row is right. Columns are counted from 0."),
+            ((3, 1), "The column is right. That row passes through the mouth."),
+            ((2, 0), "The row is right. That column is in front of the mouth."),
+        ),
+        labels=("row", "column"),
+    ),
     "place": Numbers(
         "A point at (120, 80) is dragged 30 mm to the right and 20 mm up. Where is it now?",
         "a grows to the right and b grows down, so a displacement up is subtracted.",
@@ -26,6 +38,7 @@ EXERCISES: dict[str, AbstractExercise] = {
             ((30, 20), "That is how far it goes. Where does it arrive?"),
             ((90, 60), "To the right makes a larger."),
         ),
+        labels=("a", "b"),
     ),
     "cells": Numbers(
         "Thompson's grid of Polyprion has 7 rows of 8 nodes. How many cells does it have?",
@@ -73,7 +86,7 @@ EXERCISES: dict[str, AbstractExercise] = {
         "1 + t = 1/2 at a = 1.",
         -0.5,
         0.01,
-        "Put a = 1 into 1 + t a. The result shall be one half.",
+        "Put a = 1 into 1 + t a. The result should be one half.",
         (
             (0.5, "This makes the tail end 1.5 times as high."),
             (2, "This makes the tail end 3 times as high."),
@@ -93,26 +106,20 @@ EXERCISES: dict[str, AbstractExercise] = {
             ((5, 90), "These are radius and angle. a = r cos(angle), b = r sin(angle)."),
             ((-2.24, 4.47), "The sine of 90 is that of 90 radians in most programs. Change degrees to radians first."),
         ),
+        labels=("a", "b"),
     ),
     "pairs": Choice(
         "Which animals does a shear with stretching make, to within the 2 pixels of reading?",
         "Only the first pair is so simple. It moves nodes by 31 pixels, and the best such map leaves 1.4.",
-        ("sternoptyx", "pseudopriacanthus", "scorpaena", "antigonia", "orthagoriscus"),
-        ("sternoptyx",),
+        ("Sternoptyx", "Pseudopriacanthus", "Scorpaena", "Antigonia", "Orthagoriscus"),
+        ("Sternoptyx",),
         {
-            "pseudopriacanthus": "A shear with stretching leaves 26 pixels of Pseudopriacanthus. "
+            "Pseudopriacanthus": "A shear with stretching leaves 26 pixels of Pseudopriacanthus. "
             "A taper helps it more.",
-            "scorpaena": "A shear with stretching leaves 17 pixels of Scorpaena. Look at the table again.",
-            "antigonia": "A shear with stretching leaves 27 pixels of Antigonia. Look at the table again.",
-            "orthagoriscus": "Straight lines stay straight under a shear. The columns of Orthagoriscus are round.",
+            "Scorpaena": "A shear with stretching leaves 17 pixels of Scorpaena. Look at the table again.",
+            "Antigonia": "A shear with stretching leaves 27 pixels of Antigonia. Look at the table again.",
+            "Orthagoriscus": "Straight lines stay straight under a shear. The columns of Orthagoriscus are round.",
         },
-    ),
-    "antigonia": FishTask(
-        "Turn the carp into Antigonia, the boarfish: drag the points to Thompson's nodes.",
-        "That is a boarfish.",
-        "Polyprion",
-        "Antigonia",
-        65,
     ),
 }
 """Exercises by name."""

@@ -100,6 +100,7 @@ class Numbers(AbstractExercise):
     hint : text for any other wrong answer.
     mistakes : wrong answers and the text for each, within the same tolerance.
     at_most : whether every positive number up to the answer is right too.
+    labels : of the numbers, where each has its own box.
 
     Examples
     --------
@@ -115,6 +116,7 @@ class Numbers(AbstractExercise):
     hint: str
     mistakes: tuple[tuple[float | tuple[float, ...], str], ...] = ()
     at_most: bool = False
+    labels: tuple[str, ...] = ("answer",)
 
     def judge(self, answer: object) -> Result:
         wanted = np.asarray(self.answer, dtype=np.float64)

@@ -36,8 +36,8 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
     >>> from deformnb_lessons import LESSONS, lesson_carp, lesson_start
     >>> from deformnb.session.session import Session
     >>> carp = lesson_carp()
-    >>> session = Session(carp, lesson_start("coordinates", carp))
-    >>> followed = LESSONS["coordinates"].follow("antigonia", session)
+    >>> session = Session(carp, lesson_start("fish", carp))
+    >>> followed = LESSONS["fish"].follow("antigonia", session)
     >>> followed.result.text
     'Nothing has been dragged yet. Drag the points to where their nodes belong, and check again.'
     """

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from deformnb.checks import short_value
+from deformnb.checks import check_choice, short_value
 from deformnb.errors import DeformError
-from deformnb_lessons import affine, coordinates, folding, kernels
+from deformnb_lessons import affine, coordinates, fish, folding, kernels
 from deformnb_lessons.exercises import AbstractExercise, Result
 
 if TYPE_CHECKING:  # answers are checked without widgets
     from deformnb_lessons.followed_result import FollowedResult
+    from deformnb_lessons.questions import Question
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,18 @@ class Lesson:
     goals: tuple[str, ...]
     exercises: Mapping[str, AbstractExercise]
 
+    @property
+    def time(self) -> str:
+        """The minutes in words.
+
+        Examples
+        --------
+        >>> LESSONS["coordinates"].time, LESSONS["kernels"].time
+        ('30 minutes', '30 to 40 minutes')
+        """
+        least, most = self.minutes
+        return f"{least} minutes" if least == most else f"{least} to {most} minutes"
+
     def check(self, exercise: str, answer: object = None) -> Result:
         """Judge an answer: right or not yet, with a hint that depends on the mistake.
 
@@ -58,6 +71,45 @@ class Lesson:
             If the lesson has no such exercise.
         """
         return self._exercise(exercise).judge(answer)
+
+    def ask(self, exercise: str) -> Question:
+        """Boxes for an answer, and a button that judges it: no code is typed.
+
+        Parameters
+        ----------
+        exercise : the name of one whose answer is numbers or words.
+
+        Returns
+        -------
+        Question
+            A widget; the last expression of a cell shows it.
+
+        Raises
+        ------
+        DeformError
+            If the lesson has no such exercise, or it is done in the studio.
+        """
+        from deformnb_lessons.questions import Question
+
+        return Question(self._exercise(exercise))
+
+    def draw(self, drawing: str, *what: Any) -> Any:
+        """A figure of the lesson, so that its notebook needs one line.
+
+        Parameters
+        ----------
+        drawing : a key of :data:`~deformnb_lessons.drawings.DRAWINGS`.
+        what : of which it is, such as the studio.
+
+        Raises
+        ------
+        DeformError
+            If there is no such figure.
+        """
+        from deformnb_lessons.drawings import DRAWINGS
+
+        check_choice(drawing, DRAWINGS, "drawing")
+        return DRAWINGS[drawing](*what)
 
     def follow(self, exercise: str, studio: object) -> FollowedResult:
         """A result that judges the studio again after each gesture: the score rises while a pupil drags.
@@ -91,15 +143,25 @@ class Lesson:
 LESSONS: dict[str, Lesson] = {
     "coordinates": Lesson(
         "Coordinates and grids",
-        "1_coordinates_and_grids.ipynb",
-        (30, 40),
+        "1a_coordinates_and_grids.ipynb",
+        (30, 30),
         (
             "read and write places on a picture as two numbers",
             "describe how D'Arcy Thompson compared two animals",
             "recognise a shear, a taper and a polar grid, and say which of his pairs are so simple",
-            "turn a carp into a boarfish by dragging, and say where it grew",
         ),
         coordinates.EXERCISES,
+    ),
+    "fish": Lesson(
+        "Bending a fish",
+        "1b_bending_a_fish.ipynb",
+        (30, 30),
+        (
+            "describe a drag by its displacement",
+            "turn a carp into a boarfish by dragging",
+            "say where it grew and where it shrank",
+        ),
+        fish.EXERCISES,
     ),
     "kernels": Lesson(
         "Interpolation and kernels",

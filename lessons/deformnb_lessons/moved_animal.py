@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Floats
 from deformnb.analysis.folds import Folds, find_folds
+from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import MODES, Step
 from deformnb.imaging.figures import picture_field
 from deformnb.imaging.projection import project
@@ -18,7 +19,7 @@ from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.registration.outlines import outline
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture, Plane, Raster
-from deformnb.volume.volume import VolumeLike, as_volume
+from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.warping.foreground import foreground_level, tissue_test
 from deformnb.warping.points import warp_points
 
@@ -38,6 +39,17 @@ _FINER = 2
 _STAYS = 2 / 3
 # Share of the places that may have no place in the result before the map counts as folded.
 _LOST = 0.01
+
+
+def lesson_carp() -> Volume:
+    """The carp of the lessons, 64 x 128 x 64 voxels.
+
+    Examples
+    --------
+    >>> lesson_carp().shape
+    (64, 128, 64)
+    """
+    return PHANTOMS["fish"].make((64, 128, 64))
 
 
 NOTHING_DRAGGED = "Nothing has been dragged yet. Drag a point on the picture, and check again."

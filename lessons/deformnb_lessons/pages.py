@@ -11,28 +11,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from deformnb.checks import check_choice
-from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.words import translate
-from deformnb_lessons.coordinates import GOAL_NODES
+from deformnb_lessons.fish import GOAL_NODES
 from deformnb_lessons.lesson import LESSONS
+from deformnb_lessons.moved_animal import lesson_carp
 from deformnb_lessons.studio_tasks import FishTask
 
 _SIDE = "-x"  # from the left, where the head points left
+_FRAME = [[0, 20], [508, 20], [508, 178], [0, 178]]  # of the carp itself
+_FRAME_NAMES = ["above the head", "above the tail", "below the tail", "below the head"]
 _CORNERS = [[0, 0], [508, 0], [508, 197], [0, 197]]
-
-
-def lesson_carp() -> Volume:
-    """The carp of the lessons, 64 x 128 x 64 voxels.
-
-    Examples
-    --------
-    >>> lesson_carp().shape
-    (64, 128, 64)
-    """
-    return PHANTOMS["fish"].make((64, 128, 64))
 
 
 @dataclass(frozen=True)
@@ -88,13 +79,13 @@ def write_lesson_page(
     >>> write_lesson_page("kernel", "kernel.html")
     Traceback (most recent call last):
     ...
-    deformnb.errors.DeformError: unknown lesson 'kernel'; choose one of coordinates, kernels, affine, folding.
+    deformnb.errors.DeformError: unknown lesson 'kernel'; choose one of coordinates, fish, kernels, affine, folding.
     """
     from deformnb.widgets.studio.studio import Studio
 
     carp = lesson_carp()
     studio = Studio(carp, lesson_start(name, carp), side=_SIDE, language=language)
-    studio.editor.stop_at_folds = False  # a pupil shall see folds
+    studio.editor.stop_at_folds = False  # a pupil should see folds
     try:
         title, about = (translate(text, language) for text in (LESSONS[name].title, _PAGES[name].about))
         studio.export_html(path, title=title, about=about, controls=_PAGES[name].controls, overwrite=overwrite)
@@ -104,9 +95,13 @@ def write_lesson_page(
 
 def _nodes(volume: Volume) -> Deformation:
     """The nodes of Thompson's grid that a pupil drags to turn the carp into Antigonia."""
-    task = LESSONS["coordinates"].exercises["antigonia"]
+    task = LESSONS["fish"].exercises["antigonia"]
     assert isinstance(task, FishTask)
     return Deformation.from_picture_points(volume, _SIDE, task.grids(volume).points.take(GOAL_NODES).reset())
+
+
+def _frame(volume: Volume) -> Deformation:
+    return Deformation.from_picture_points(volume, _SIDE, ControlPoints.from_arrays(_FRAME, names=_FRAME_NAMES))
 
 
 def _corners(volume: Volume) -> Deformation:
@@ -126,6 +121,11 @@ def _one(volume: Volume) -> Deformation:
 
 _PAGES = {
     "coordinates": _Page(
+        _frame,
+        "Drag the four corners of the carp. Can you make a shear, and a taper?",
+        ("strength", "shows", "density", "reset"),
+    ),
+    "fish": _Page(
         _nodes,
         "Drag the points until the carp is a boarfish: short, and almost as high as long. "
         "Each point has the name of its node.",

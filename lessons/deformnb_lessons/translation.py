@@ -21,7 +21,7 @@ from typing import Any
 from deformnb.errors import DeformError
 
 _MARK = re.compile(r"^<!-- (?:cell: ([\w-]+)|(words)) -->\n", re.MULTILINE)
-_PACKAGE = "deformnb as dn"
+_PACKAGE = "from deformnb_lessons import"
 
 
 @dataclass(frozen=True)
@@ -76,10 +76,17 @@ def translate_notebook(notebook: Mapping[str, Any], words: LessonWords, code: st
     Examples
     --------
     >>> cells = [{"cell_type": "markdown", "id": "title", "source": ["# Grids"]},
-    ...          {"cell_type": "code", "id": "begin", "source": ["import deformnb as dn\n", "print('done')"]}]
+    ...          {"cell_type": "code", "id": "begin",
+    ...           "source": ["from deformnb_lessons import LESSONS\n", "print('done')"]}]
     >>> made = translate_notebook({"cells": cells}, LessonWords({"title": "# Gitter"}, {"done": "fertig"}), "de")
-    >>> made["cells"][0]["source"], made["cells"][1]["source"]
-    ('# Gitter', 'import deformnb as dn\n\ndn.set_language("de")\nprint(\'fertig\')')
+    >>> made["cells"][0]["source"]
+    '# Gitter'
+    >>> print(made["cells"][1]["source"])
+    from deformnb_lessons import LESSONS
+    from deformnb import set_language
+    <BLANKLINE>
+    set_language("de")
+    print('fertig')
     """
     cells, is_chosen = [], False
     for cell in notebook["cells"]:
@@ -98,7 +105,7 @@ def _insert_language(source: str, code: str) -> str:
     """Insert the choice of the language after the imports of a cell."""
     lines = source.splitlines(keepends=True)
     last = max(k for k, line in enumerate(lines) if line.startswith(("import ", "from ")))
-    lines.insert(last + 1, f'\ndn.set_language("{code}")\n')
+    lines.insert(last + 1, f'from deformnb import set_language\n\nset_language("{code}")\n')
     return "".join(lines)
 
 

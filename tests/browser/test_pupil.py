@@ -64,7 +64,7 @@ STUDIO = "[...document.querySelectorAll('.dnb-editor')].find((e) => e.deformnb?.
 
 
 def test_a_carp_becomes_a_boarfish_and_goes_home_on_a_phone(lab: Lab, tab: Any, browser: Any, tmp_path: Path) -> None:
-    cells = json.loads(lesson_notebook("coordinates").read_text("utf-8"))["cells"]
+    cells = json.loads(lesson_notebook("fish").read_text("utf-8"))["cells"]
     tab.set_viewport_size({"width": 1366, "height": 768})  # a school's laptop
     lab.open_notebook(tab, ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"], "lesson.ipynb")
     pupil = Pupil(tab)
@@ -72,7 +72,7 @@ def test_a_carp_becomes_a_boarfish_and_goes_home_on_a_phone(lab: Lab, tab: Any, 
     tab.wait_for_function(STUDIO, timeout=180_000)
     lab.run(tab, "")  # behind all cells: until then JupyterLab scrolls to the one that runs
     tab.evaluate(f"{STUDIO}.closest('.jp-OutputArea').scrollIntoView()")
-    task = LESSONS["coordinates"].exercises["antigonia"]
+    task = LESSONS["fish"].exercises["antigonia"]
     assert isinstance(task, FishTask)
     goal = task.grids(lesson_carp()).points.take(GOAL_NODES)
     stage, text = tab.locator(".dnb-ed-stage").last, ""
@@ -105,7 +105,7 @@ def test_a_carp_becomes_a_boarfish_and_goes_home_on_a_phone(lab: Lab, tab: Any, 
 def test_the_page_of_a_lesson_works_on_a_phone(name: str, browser: Any, tmp_path: Path) -> None:
     write_lesson_page(name, tmp_path / "lesson.html")
     check_on_phone(
-        browser, tmp_path / "lesson.html", {"coordinates": 12, "kernels": 4, "affine": 2, "folding": 1}[name]
+        browser, tmp_path / "lesson.html", {"coordinates": 4, "fish": 12, "kernels": 4, "affine": 2, "folding": 1}[name]
     )
 
 

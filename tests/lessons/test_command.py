@@ -25,7 +25,7 @@ def test_without_a_name_the_lessons_are_listed(
     assert run(tmp_path, "lesson", monkeypatch) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[:-1]] == list(LESSONS)
-    assert re.search(r"Coordinates and grids, 30 to 40 minutes", lines[0])
+    assert re.search(r"Coordinates and grids, 30 minutes", lines[0])
     assert list(tmp_path.iterdir()) == []
 
 
@@ -48,7 +48,7 @@ def test_an_unknown_lesson_names_the_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = run(tmp_path, "lesson kernel", monkeypatch)
-    assert "choose one of coordinates, kernels, affine, folding" in error_sentence(capsys.readouterr(), code)
+    assert "choose one of coordinates, fish, kernels, affine, folding" in error_sentence(capsys.readouterr(), code)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -66,8 +66,8 @@ def test_voila_shows_a_lesson_without_its_code(tmp_path: Path) -> None:
                 page = answer.read().decode()
         finally:
             server.terminate()
-    assert "Lesson 1: coordinates and grids" in page
-    assert "lesson.check(" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL), "the code is hidden"
+    assert "Lesson 1a: coordinates and grids" in page
+    assert "lesson.ask(" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL), "the code is hidden"
 
 
 def test_a_lesson_is_copied_and_not_opened_where_a_server_asks(

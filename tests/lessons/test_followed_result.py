@@ -11,11 +11,11 @@ from deformnb_lessons import GOAL_NODES, LESSONS, FishTask, lesson_carp, lesson_
 
 
 def test_the_score_rises_with_each_gesture_until_it_is_closed() -> None:
-    carp, lesson = lesson_carp(), LESSONS["coordinates"]
+    carp, lesson = lesson_carp(), LESSONS["fish"]
     task = lesson.exercises["antigonia"]
     assert isinstance(task, FishTask)
     goal = task.grids(carp).points.take(GOAL_NODES)
-    session = Session(carp, lesson_start("coordinates", carp))
+    session = Session(carp, lesson_start("fish", carp))
     followed = lesson.follow("antigonia", session)
     assert not followed.result.right
     assert "<svg" not in followed.value
@@ -34,6 +34,6 @@ def test_the_score_rises_with_each_gesture_until_it_is_closed() -> None:
 @pytest.mark.parametrize("what", [None, 7, "studio"])
 def test_what_is_no_studio_is_refused(what: object) -> None:
     with pytest.raises(DeformError, match="follows a studio"):
-        LESSONS["coordinates"].follow("antigonia", what)
+        LESSONS["fish"].follow("antigonia", what)
     with pytest.raises(DeformError, match="no exercise"):
-        LESSONS["coordinates"].follow("antigony", what)
+        LESSONS["fish"].follow("antigony", what)

@@ -45,7 +45,12 @@ NOT_SEEN = re.compile(
 
 ELSEWHERE = {
     "Antigonia",
-    "Polyprion",  # animals have the same names everywhere
+    "Polyprion",
+    "Argyropelecus",
+    "Sternoptyx",
+    "Pseudopriacanthus",
+    "Scorpaena",
+    "Orthagoriscus",  # animals have the same names everywhere
     # Parts of errors.
     "a dictionary of direction, up, zoom, pan and perspective",
     "one of {}",
@@ -68,7 +73,10 @@ ELSEWHERE = {
     "the first drawing",
     "the second drawing",
     "xMidYMid meet",
-    "deformnb as dn",
+    "from deformnb_lessons import",
+    'from deformnb import set_language\n\nset_language("{}")\n',
+    "offset points",
+    "upper right",
     "DepthKeys(({}), selected={})",
     (
         "What can be set in the studio and, partly, in an exported page, by the names that code uses. This page is "

@@ -146,6 +146,7 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     whole.editing.edit_step(last or 0)
     shown = make_editor(whole, editor.height)
     shown.density, shown.theme, shown.shows = editor.density, editor.theme, picture_mode(view.shows)
+    shown.stop_at_folds = editor.stop_at_folds
     with owned_widgets():
         live = LiveView(whole.volume, transfer=pictures.transfer_function, width=view.width, height=view.height)
     live.camera, live.shows, live.clip, live.frame = dict(view.camera), view.shows, view.clip, pictures.frame
