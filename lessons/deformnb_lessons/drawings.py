@@ -173,4 +173,4 @@ DRAWINGS: dict[str, Callable[..., Any]] = {
     "nodes": list_nodes,
     "grown": GrownFigure,
 }
-"""What :meth:`~deformnb_lessons.Lesson.draw` shows, by name."""
+"""Figures of :meth:`~deformnb_lessons.Lesson.draw` by name."""

@@ -28,7 +28,7 @@ def _answer(question: Question, *values: object) -> str:
     return repr(question.result)
 
 
-def _shown(question: Question) -> str:
+def _verdict(question: Question) -> str:
     return str(question.children[-1].value)
 
 
@@ -64,7 +64,7 @@ def test_boxes_hints_and_button_are_german() -> None:
     assert [box.description for box in question.boxes] == ["Zeile", "Spalte"]
     assert question.button.description == "Prüfen"
     _answer(question, "2", "x<y")
-    assert "x&lt;y ist keine Zahl" in _shown(question)
+    assert "x&lt;y ist keine Zahl" in _verdict(question)
     assert [box.description for box in LESSONS["fish"].ask("grown").boxes] == ["Kopf", "Mitte", "Schwanz"]
 
 
