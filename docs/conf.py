@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -39,7 +40,12 @@ extensions = [
 exclude_patterns = ["_build", "_pictures", "api/_citation.md", "api/_datasets.md"]
 
 # -- pages in Markdown, and the notebooks ------------------------------------------------------------------------------
-myst_enable_extensions = ["colon_fence", "dollarmath", "fieldlist"]
+myst_enable_extensions = ["colon_fence", "dollarmath", "fieldlist", "substitution"]
+PUBLIC_HOME = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["deformnb"]["public"]
+myst_substitutions = {  # where users ask, and until there is an address the place in words
+    "support": PUBLIC_HOME["support"] or "under *Issues* on the page of the repository",
+    "security": PUBLIC_HOME["security"] or "*Security*, *Report a vulnerability* on that page",
+}
 myst_heading_anchors = 3
 suppress_warnings = ["myst.header", "myst.xref_missing"]  # parts of the README are included, and it links to files
 nb_execution_mode = "off"  # -D nb_execution_mode=cache runs them, once: some six minutes

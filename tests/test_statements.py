@@ -129,6 +129,20 @@ def test_the_page_of_other_programs_links_them(heading: str) -> None:
             assert re.search(rf"\[{re.escape(program)}\]\(https://", section), program
 
 
+def test_the_page_of_keys_has_the_words_of_the_list_in_the_editor() -> None:
+    table = _text("frontend/src/ui/keys.ts").replace("\\u00b0", "°")
+    rows = re.findall(r"^\| (.+?) \| (.+) \|$", _text("docs/howto/keyboard.md"), re.MULTILINE)[2:]
+    known = set(re.findall(r'\[\s*"([^"]+)",\s*"([^"]+)"', table))
+    assert len(rows) > 20
+    assert [row for row in rows if row not in known] == []
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("howto/*.md")), ids=lambda page: page.stem)
+def test_the_index_of_the_guides_has_every_page(page: Path) -> None:
+    listed = re.findall(r"^(\w+)$", (DOCS / "howto" / "index.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert listed.count(page.stem) == (page.stem != "index")
+
+
 @pytest.mark.parametrize("word", ["citation", "video"])
 def test_the_documentation_has_the_words_that_people_search_for(word: str) -> None:
     pages = [*DOCS.glob("*.md"), *DOCS.glob("howto/*.md")]
