@@ -147,3 +147,46 @@ def test_the_index_of_the_guides_has_every_page(page: Path) -> None:
 def test_the_documentation_has_the_words_that_people_search_for(word: str) -> None:
     pages = [*DOCS.glob("*.md"), *DOCS.glob("howto/*.md")]
     assert any(re.search(rf"\b{word}\b", page.read_text(encoding="utf-8"), re.IGNORECASE) for page in pages)
+
+
+# -- the article -------------------------------------------------------------------------------------------------------
+
+
+def _entries() -> dict[str, dict[str, str]]:
+    """The fields of the entries of paper.bib by key."""
+    found = re.findall(r"^@\w+\{(\w+),\n(.*?)^\}", _text("paper.bib"), re.MULTILINE | re.DOTALL)
+    return {key: dict(re.findall(r"^  (\w+) = \{(.*)\},$", fields, re.MULTILINE)) for key, fields in found}
+
+
+def test_the_article_cites_what_its_bibliography_has() -> None:
+    _, head, body = _text("paper.md").split("---\n", 2)
+    cited = set(re.findall(r"@(\w+)", body))
+    entries = _entries()
+    assert cited == set(entries)
+    assert len(entries) == _text("paper.bib").count("\n@") + 1
+    assert {key for key, fields in entries.items() if not {"author", "title"} <= fields.keys()} == set()
+    assert all(re.fullmatch(r"10\.\d{4,}/\S+", fields.get("doi", "10.1000/1")) for fields in entries.values())
+    head_fields = yaml.safe_load(head)
+    assert {"title", "tags", "authors", "affiliations", "date", "bibliography"} <= head_fields.keys()
+    assert (ROOT / head_fields["bibliography"]).is_file()
+    citation = yaml.safe_load(_text("CITATION.cff"))["references"][0]
+    assert entries["correa2007volume"]["doi"] == citation["doi"]
+    assert entries["correa2007volume"]["pages"] == f"{citation['start']}--{citation['end']}"
+
+
+def test_the_article_has_the_sections_of_its_journal_and_names_things_that_exist() -> None:
+    text = _text("paper.md")
+    sections = re.findall(r"^# (.+)$", text, re.MULTILINE)
+    assert {"Summary", "Statement of need", "State of the field", "References"} <= set(sections)
+    assert 500 < len(text.split()) < 1750
+    table = text.split("# State of the field")[1].split("\n# ")[0]
+    programs = ["BigWarp", "3D Slicer", "SlicerMorph", "geomorph", "PyGeM", "vedo", "Drishti", "elastix"]
+    assert re.findall(r"^\| ([\w ]+) \[@", table, re.MULTILINE) == programs
+    done = subprocess.run([sys.executable, "-m", "deformnb", "--help"], capture_output=True, text=True, check=True)
+    commands = set(re.findall(r"`deformnb (\w+)`", text))
+    assert len(commands) > 2
+    assert all(re.search(rf"^    {command} ", done.stdout, re.MULTILINE) for command in commands)
+    run = (ROOT / "run").read_text(encoding="utf-8")
+    assert all(re.search(rf"^    {task}\)$", run, re.MULTILINE) for task in re.findall(r"`sh run (\w+)`", text))
+    assert all((ROOT / path).is_file() for path in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", text))
+    assert f"version {PROJECT['project']['version'].rpartition('.')[0]}" in text
