@@ -193,4 +193,6 @@ def test_the_pages_are_built_and_fetch_nothing_from_elsewhere(tmp_path: Path) ->
     assert "<math" in pages["how_it_works.html"]
     assert {name for name, text in pages.items() if unnamed_arrows(text)} == set()
     assert dead_links(tmp_path / "html") == set()
+    search = (tmp_path / "html" / "searchindex.js").read_text("utf-8")
+    assert all(f'"{stem}":' in search for stem in ("citat", "video"))
     assert "\\begin" not in pages["how_it_works.html"]

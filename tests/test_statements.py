@@ -15,6 +15,7 @@ import yaml
 from PIL import Image, ImageSequence
 
 import deformnb as dn
+from deformnb.rbf.conditioning import LARGEST_SET, MOST_POINTS
 from docs import thompson_picture
 from readme_links import absolute_links, public_urls, read_project, relative_links
 
@@ -110,6 +111,37 @@ def test_the_extras_of_users_are_listed_once() -> None:
                 named.setdefault(path.name, set()).update(one.split(","))
             assert not re.search(r"\bdeformnb(?!\[)", target), f"{path.name}: it is on no index yet: {target}"
     assert set().union(*named.values()) <= FOR_USERS
+
+
+def test_the_limits_of_the_readme_are_those_of_the_program_and_its_hosts_those_that_were_tried() -> None:
+    text = " ".join(_text("README.md").split("## Limits")[1].partition("\n## ")[0].split())
+    assert f"{MOST_POINTS // 1000} 000 control points, {LARGEST_SET} of them in the studio" in text
+    tried, untried = re.findall(r"run in (.+?); (.+) \[were not tried\]", text)[0]
+    rows = dict(
+        re.findall(r"^\| ([^|]+) \| ([^|]+) \|", _text("docs/hosts.md").split("The tests are")[0], re.MULTILINE)
+    )
+    for names, state in ((tried, "tests in a real browser"), (untried, "read only")):
+        for name in re.split(r", | and ", names):
+            found = [value for host, value in rows.items() if re.search(name.replace("Notebook", ".*Notebook"), host)]
+            assert found == [state], name
+
+
+def test_the_times_of_the_guide_are_those_of_the_table() -> None:
+    rows = dict(re.findall(r"^\| ([^|]+) \| ([\d.]+) ms", _text("docs/speed.md"), re.MULTILINE))
+    guide = _text("docs/howto/resources.md")
+    (replicated,) = re.findall(r"^\| a warp, the map of a picture replicated \| (\d+) ms", guide, re.MULTILINE)
+    (general, large) = re.findall(r"^\| a warp by any map \| (\d+) ms \| ([\d.]+) s", guide, re.MULTILINE)[0]
+    (fit,) = re.findall(r"^\| 32 points to that map \| (\d+) ms", guide, re.MULTILINE)
+    (command,) = re.findall(r"takes ([\d.]+) s for a `.nii.gz`", guide)
+    stated = {
+        "replicated along z, prepared": float(replicated),
+        "general, field given": float(general),
+        "general, field given, 512^3": 1000 * float(large),
+        "solve and map of 32 points": float(fit),
+        "deformnb warp of a carp, nothing cached": 1000 * float(command),
+    }
+    for row, value in stated.items():
+        assert value == pytest.approx(float(rows[row]), abs=max(0.5, 0.02 * value)), row
 
 
 def test_what_is_said_to_be_measured_nowhere_has_no_figures() -> None:
