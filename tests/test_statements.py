@@ -55,7 +55,7 @@ def test_the_links_of_the_readme_lead_to_files_and_on_an_index_to_the_repository
 
 
 def test_the_public_addresses_have_one_source() -> None:
-    assert set(PUBLIC) == {"repository", "documentation", "support", "security"}
+    assert set(PUBLIC) == {"repository", "documentation", "support", "security", "install"}
     assert "urls" in PROJECT["project"]["dynamic"]
     assert all(url.startswith("https://") for url in public_urls(PUBLIC).values())
     citation = yaml.safe_load(_text("CITATION.cff"))
@@ -109,8 +109,11 @@ def test_the_extras_of_users_are_listed_once() -> None:
         for target in re.findall(r"pip install (?:-U )?([^\n`#]*?)(?=\s*[`#\n]|\" )", path.read_text(encoding="utf-8")):
             for one in re.findall(r"(?:\.|deformnb)\[([\w,]+)\]", target):
                 named.setdefault(path.name, set()).update(one.split(","))
-            assert not re.search(r"\bdeformnb(?!\[)", target), f"{path.name}: it is on no index yet: {target}"
+            is_public = re.search(r"\bdeformnb(?!\[)", target) is not None
+            assert not is_public or PUBLIC["install"] == "deformnb", f"{path.name}: it is on no index yet: {target}"
     assert set().union(*named.values()) <= FOR_USERS
+    (first,) = re.findall(r"^```sh\npip install (\S+)", text, re.MULTILINE)[:1]
+    assert first == PUBLIC["install"]
 
 
 def test_the_limits_of_the_readme_are_those_of_the_program_and_its_hosts_those_that_were_tried() -> None:
