@@ -18,7 +18,8 @@ from docutils import nodes
 import deformnb as dn
 import deformnb_lessons
 from deformnb.datasets import DATASETS, PHANTOMS
-from deformnb_lessons import LESSONS, write_lesson_page
+from deformnb.words import LANGUAGES
+from deformnb_lessons import LESSONS, write_answers, write_lesson_page, write_worksheet
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.resolve().parent))  # for docs.pictures
@@ -116,6 +117,16 @@ def _make_live_pages() -> None:
 def _make_lesson_pages() -> None:
     for name in LESSONS:
         write_lesson_page(name, HERE / "_made" / f"lesson_{name}.html", overwrite=True)
+
+
+def _make_worksheets() -> None:
+    """The worksheets of the lessons and their answers, a PDF for each lesson and language."""
+    folder = HERE / "_made" / "worksheets"
+    folder.mkdir(exist_ok=True)
+    for code in LANGUAGES:
+        write_answers(folder / f"answers_{code}.pdf", language=code)
+        for name in LESSONS:
+            write_worksheet(name, folder / f"{name}_{code}.pdf", language=code)
 
 
 def _make_datasets() -> None:
@@ -264,6 +275,7 @@ def setup(app: Any) -> None:
     app.connect("missing-reference", _find)
     _make_live_pages()
     _make_lesson_pages()
+    _make_worksheets()
     _make_datasets()
     _make_citation()
     _make_reference()

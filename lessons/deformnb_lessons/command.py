@@ -1,4 +1,4 @@
-"""The lessons for the classroom: a list, or a copy of one, opened in JupyterLab or Voila, or its picture as a page.
+"""The lessons for the classroom: a list, or a copy of one, opened in JupyterLab or Voila, or its page or worksheet.
 
 This is the command ``deformnb lesson``.
 """
@@ -44,6 +44,11 @@ def add_lesson(commands: Any) -> None:
         action="store_true",
         help="write the lesson's picture as one offline file, NAME.html, and open nothing",
     )
+    how.add_argument(
+        "--worksheet",
+        action="store_true",
+        help="write the lesson's worksheet for printing, NAME.pdf, and the answers for the teacher, answers.pdf",
+    )
     how.add_argument("--copy", action="store_true", help="copy the lesson and open nothing, for the server of a class")
     add_language(p)
     add_lab_options(p)
@@ -65,6 +70,9 @@ def _lesson(options: argparse.Namespace) -> None:
     check_choice(options.name, LESSONS, "lesson")
     if options.page:
         _write_page(options.name, Path(options.folder), code)
+        return
+    if options.worksheet:
+        _write_worksheet(options.name, Path(options.folder), code)
         return
     if not options.copy:
         check_lab(*(["voila"] if options.voila else []))
@@ -96,6 +104,15 @@ def _write_page(name: str, folder: Path, code: str) -> None:
     path = folder / f"{name}.html"
     write_lesson_page(name, path, language=code, overwrite=True)
     print(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB): open it in a browser, or put it on a stick")
+
+
+def _write_worksheet(name: str, folder: Path, code: str) -> None:
+    from deformnb_lessons.worksheets import write_answers, write_worksheet
+
+    folder.mkdir(parents=True, exist_ok=True)
+    write_worksheet(name, folder / f"{name}.pdf", language=code)
+    write_answers(folder / "answers.pdf", language=code)
+    print(f"wrote {folder / f'{name}.pdf'} and {folder / 'answers.pdf'}")
 
 
 def lesson_notebook(name: str) -> Path:

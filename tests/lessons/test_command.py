@@ -89,3 +89,11 @@ def test_the_picture_of_a_lesson_is_written_as_a_page(
     text = (tmp_path / "pages" / "affine.html").read_text("utf-8")
     assert "<title>Rigid, similar, affine</title>" in text
     assert "Nothing but head and tail holds this carp." in text
+
+
+def test_worksheet_and_answers_are_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, "lesson folding sheets --worksheet --language de", monkeypatch) == 0
+    assert "wrote sheets/folding.pdf and sheets/answers.pdf" in capsys.readouterr().out.replace(os.sep, "/")
+    assert {path.name for path in (tmp_path / "sheets").iterdir()} == {"folding.pdf", "answers.pdf"}
