@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -170,6 +171,19 @@ def test_the_page_of_keys_has_the_words_of_the_list_in_the_editor() -> None:
     known = set(re.findall(r'\[\s*"([^"]+)",\s*"([^"]+)"', table))
     assert len(rows) > 20
     assert [row for row in rows if row not in known] == []
+
+
+OTHER_PROGRAM = "slicer"  # its page names buttons of 3D Slicer
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("howto/*.md")), ids=lambda page: page.stem)
+def test_what_a_guide_tells_to_press_is_a_visible_text(page: Path) -> None:
+    """Labels in italics and sentences in quotation marks begin a key of the table of words, which has all of them."""
+    known = [key.lower() for key in json.loads(_text("deformnb/words/de.json"))]
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    labels = re.findall(r"(?<!\*)\*([A-Z][^*\n]+)\*(?!\*)", text) + re.findall(r"\"([A-Z][^\"\n]+)\"", text)
+    unknown = {one for one in labels if not any(key.startswith(one.lower().rstrip(".,:")) for key in known)}
+    assert (unknown == set()) != (page.stem == OTHER_PROGRAM), unknown
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.glob("howto/*.md")), ids=lambda page: page.stem)
