@@ -11,8 +11,8 @@ A page in Markdown has blocks of Python, which run in their order as in a notebo
 
 Its argument is the text for those who do not see the picture. The picture is the value of the last expression of the
 block above (a figure, an image of PIL, an array of pixels), else the figure of pyplot that it has left, or the file
-that it has written and the option ``file`` names. Other pages show it too, such as a card:
-``:img-top: /_pictures/howto/points_1.webp`` is the first picture of ``howto/points.md``.
+that it has written and the option ``file`` names. The directive ``cards`` lists pages below, as a ``toctree`` does, each as a card with its title and its first picture, which
+is ``/_pictures/howto/points_card.webp`` of ``howto/points.md``.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from typing import Any, ClassVar
 import numpy as np
 from docutils import nodes
 from docutils.parsers.rst import directives
+from docutils.statemachine import StringList
 from PIL import Image
 from sphinx.builders.html import StandaloneHTMLBuilder
 from sphinx.util.docutils import SphinxDirective
@@ -46,6 +47,7 @@ READERS_FILE = "scan.nii.gz"
 WIDTH = 640  # pixels of the page that a picture is wide, at most
 _PIXELS = 2 * WIDTH  # of the file: displays have two for each of the page
 _QUALITY = 80
+_CARD = (480, 360)
 _DPI = 200  # of figures, before they are made smaller
 _PART = re.compile(r"^```(python|\{picture\})[ \t]*(.*)\n((?:.*\n)*?)```[ \t]*$", re.MULTILINE)
 
@@ -132,6 +134,15 @@ def write_picture(shown: Any, stem: Path) -> Path:
     return file
 
 
+def write_card(picture: Path, file: Path) -> None:
+    """Write a picture as one of 4:3, on the colour of its corner; of a moving one the first."""
+    image = Image.open(picture).convert("RGB")
+    image.thumbnail(_CARD, Image.Resampling.LANCZOS)
+    card = Image.new("RGB", _CARD, image.getpixel((0, 0)))
+    card.paste(image, ((_CARD[0] - image.width) // 2, (_CARD[1] - image.height) // 2))
+    card.save(file, quality=_QUALITY, method=6)
+
+
 # -- for Sphinx --------------------------------------------------------------------------------------------------------
 
 
@@ -155,8 +166,11 @@ def make_pictures(docs: Path = DOCS) -> None:
         if made.exists() and made.read_text(encoding="utf-8") == key:
             continue
         with tempfile.TemporaryDirectory() as folder:
-            for number, shown in enumerate(run_page(text, Path(folder)), 1):
-                write_picture(shown, stem.with_name(f"{stem.name}_{number}"))
+            last = [found.end() for found in _PART.finditer(text) if found[1] != "python"][-1]
+            for number, shown in enumerate(run_page(text[:last], Path(folder)), 1):
+                file = write_picture(shown, stem.with_name(f"{stem.name}_{number}"))
+                if number == 1:
+                    write_card(file, stem.with_name(f"{stem.name}_card.webp"))
         made.write_text(key, encoding="utf-8")
 
 
@@ -191,10 +205,34 @@ class PictureDirective(SphinxDirective):
         return [figure]
 
 
+class CardsDirective(SphinxDirective):
+    """The directive ``cards``: a hidden table of contents of the pages that it names, and a card for each."""
+
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        """Return what Markdown makes of a toctree and a grid of cards."""
+        pages = [line.strip() for line in self.content if line.strip()]
+        lines = ["```{toctree}", ":hidden:", "", *pages, "```", "", "::::{grid} 1 2 3 3", ":gutter: 3", ""]
+        for page in pages:
+            name = self.env.relfn2path(f"{page}.md")[0].removesuffix(".md")
+            self.env.note_dependency(f"{name}.md")
+            text = (Path(self.env.srcdir) / f"{name}.md").read_text(encoding="utf-8")
+            title = next(line[2:].strip() for line in text.splitlines() if line.startswith("# "))
+            alt = next(argument for kind, argument, _ in page_parts(text) if kind == "picture")
+            image = f"/{FOLDER}/{name}_card.webp"
+            lines += [":::{grid-item-card}", f":link: {page}", ":link-type: doc", f":img-top: {image}"]
+            lines += [f":img-alt: {alt}", ":class-card: page-card", "", title, ":::", ""]
+        parsed = nodes.Element()
+        self.state.nested_parse(StringList([*lines, "::::"], self.env.docname), self.content_offset, parsed)
+        return parsed.children
+
+
 def setup(app: Any) -> dict[str, Any]:
     """Register the directive; the pictures are made before the pages are read."""
     if "image/webp" not in StandaloneHTMLBuilder.supported_image_types:
         StandaloneHTMLBuilder.supported_image_types.append("image/webp")
     app.add_directive("picture", PictureDirective)
+    app.add_directive("cards", CardsDirective)
     app.connect("builder-inited", lambda app: make_pictures(Path(app.srcdir)))
     return {"parallel_read_safe": True}

@@ -18,13 +18,14 @@ from docs.pictures import READERS_FILE, page_parts, run_page, write_picture
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-SINGLE = ("getting_started", "lessons", "how_it_works", "reliability")
+SINGLE = ("getting_started", "coming_from", "lessons", "how_it_works", "reliability")
 PAGES = [*(DOCS / f"{name}.md" for name in SINGLE), *sorted(DOCS.glob("howto/*.md"))]
 WITH_CODE = [page for page in PAGES if any(kind == "python" for kind, _, _ in page_parts(page.read_text("utf-8")))]
+WITHOUT = {DOCS / "how_it_works.md", DOCS / "reliability.md"}  # one has the figures of the paper, the other its tables
 MOST_BYTES = 150_000  # of a picture: a page with three opens at once on a phone
 
 
-@pytest.mark.sampled(11)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
 def test_the_python_of_a_page_runs_and_makes_its_pictures(page: Path, tmp_path: Path) -> None:
     text = page.read_text("utf-8")
@@ -87,6 +88,14 @@ def test_pictures_are_what_the_python_above_them_has_made(tmp_path: Path) -> Non
     assert written == ["p0.webp", "p1.webp", "p2.png"]
     with pytest.raises(ValueError, match="'A black picture' ends with no picture, but with None"):
         run_page(PICTURE.replace("\na\n", "\n"), tmp_path)
+
+
+@pytest.mark.parametrize("page", [*sorted({*PAGES} - WITHOUT), DOCS / "pipelines.md"], ids=lambda page: page.stem)
+def test_each_page_shows_what_it_is_about(page: Path) -> None:
+    text = page.read_text("utf-8")
+    made = [argument for kind, argument, _ in page_parts(text) if kind == "picture"]
+    made += re.findall(r"```{cards}\n(\S+)", text)
+    assert made, "no picture is made by the Python of this page"
 
 
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=lambda page: page.stem)
