@@ -240,7 +240,10 @@ def _spread(app: Any, what: str, name: str, thing: Any, options: Any, lines: lis
 def _copy_notebooks() -> None:
     root = HERE.parent
     lessons = {path: f"lessons/{path.name}" for path in root.glob("lessons/deformnb_lessons/notebooks/*.ipynb")}
-    for notebook, name in ({path: path.name for path in root.glob("notebooks/*.ipynb")} | lessons).items():
+    named = {path: path.name for path in root.glob("notebooks/*.ipynb")} | lessons
+    for former in {*HERE.glob("notebooks/**/*.ipynb")} - {HERE / "notebooks" / name for name in named.values()}:
+        former.unlink()
+    for notebook, name in named.items():
         copy = HERE / "notebooks" / name
         copy.parent.mkdir(parents=True, exist_ok=True)
         if not copy.exists() or copy.read_bytes() != notebook.read_bytes():

@@ -11,8 +11,8 @@ A page in Markdown has blocks of Python, which run in their order as in a notebo
 
 Its argument is the text for those who do not see the picture. The picture is the value of the last expression of the
 block above (a figure, an image of PIL, an array of pixels), else the figure of pyplot that it has left, or the file
-that it has written and the option ``file`` names. The directive ``cards`` lists pages below, as a ``toctree`` does, each as a card with its title and its first picture, which
-is ``/_pictures/howto/points_card.webp`` of ``howto/points.md``.
+that it has written and the option ``file`` names. The directive ``cards`` lists pages below, as ``toctree`` does, each
+as a card with its title and its first picture, which is ``/_pictures/howto/points_card.webp`` of ``howto/points.md``.
 """
 
 from __future__ import annotations
