@@ -23,7 +23,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.newton import map_of, newton
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.foreground import foreground_level, leaving_voxels, side_names
+from deformnb.warping.foreground import find_foreground_voxels, leaving_voxels, side_names
 from deformnb.warping.points import warp_points
 
 MOST = 8.0
@@ -115,7 +115,7 @@ def find_foreground(volume: Volume) -> Foreground:
     >>> foreground.low.min(axis=0).tolist(), foreground.high.max(axis=0).tolist()
     ([0.5, 2.5, 1.5], [6.5, 3.5, 4.5])
     """
-    there = volume.finite_values > foreground_level(volume)
+    there = find_foreground_voxels(volume)
     if not there.any():  # of one value throughout: all of it
         there = np.ones_like(there)
     block = max(1, -(-max(volume.shape) // _BLOCKS))

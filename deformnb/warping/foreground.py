@@ -13,7 +13,7 @@ from deformnb._deferred import ndimage
 from deformnb._typing import Floats
 from deformnb.rbf.regions import Mask
 from deformnb.volume.clip import WHOLE, Clip
-from deformnb.volume.plane import Plane
+from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Grid, Volume
 
@@ -32,6 +32,99 @@ def foreground_level(volume: Volume) -> float:
     """The value above which voxels are foreground: the edge between air and tissue, the background of labels."""
     plain = volume.is_labels or volume.dtype == np.bool_
     return float(volume.background if plain else levels(volume)[1])
+
+
+def find_foreground_voxels(volume: Volume) -> NDArray[np.bool_]:
+    """The voxels of a volume above :func:`foreground_level`; on a picture whose rim is bright the dark ones.
+
+    Returns
+    -------
+    bool, of the shape of the volume.
+
+    Examples
+    --------
+    >>> paper = np.full((1, 20, 30), 240, np.uint8)
+    >>> paper[0, 5:15, 10:20] = 40
+    >>> int(find_foreground_voxels(Volume.from_array(paper)).sum())
+    100
+    """
+    values = volume.finite_values
+    bright: NDArray[np.bool_] = values > foreground_level(volume)
+    if volume.is_labels or values.dtype == np.bool_ or not _is_picture(volume.grid) or not _covers_rim(bright[0]):
+        return bright
+    inverse = Volume.from_array(values.max() - values)
+    return np.asarray(inverse.values > foreground_level(inverse))
+
+
+def foreground_at(
+    volume: Volume, z: NDArray[np.int64], y: NDArray[np.int64], x: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Of :func:`find_foreground_voxels` those with these numbers (n,); fast where they are few."""
+    if _is_picture(volume.grid):
+        return find_foreground_voxels(volume)[z, y, x]
+    return np.asarray(volume.finite_values[z, y, x] > foreground_level(volume))
+
+
+def _is_picture(grid: Grid) -> bool:
+    return grid.shape[0] == 1
+
+
+def _covers_rim(there: NDArray[np.bool_]) -> bool:
+    """Check that more than half of the outermost pixels are set."""
+    rim = np.concatenate([there[0], there[-1], there[:, 0], there[:, -1]])
+    return bool(rim.mean() > 0.5)
+
+
+# Cells along the longest side of a mask of which an outline is made: each is less than what leaves a box.
+_OUTLINED = 128
+
+
+def silhouette(volume: Volume, plane: Plane) -> Mask:
+    """The foreground of a volume at any depth behind a picture, of at most 128 cells along the longest axis.
+
+    Examples
+    --------
+    >>> values = np.zeros((8, 8, 32), np.uint8)
+    >>> values[2:5, :, 10:14] = 200
+    >>> volume = Volume.from_array(values)
+    >>> int(silhouette(volume, Plane.from_view(volume.grid, "+y")).values.sum())
+    12
+    """
+    if not _is_picture(volume.grid):
+        return coarse_tissue(volume, _OUTLINED).silhouette(plane)
+    grid, there = volume.grid, find_foreground_voxels(volume)
+    factor = max(1, -(-max(there.shape) // _OUTLINED))
+    cells = _mostly_set(there[0], factor)[None]
+    spacing = (factor * grid.spacing[0], factor * grid.spacing[1], grid.spacing[2])
+    origin = tuple(grid.index_to_point(np.array([(factor - 1) / 2, (factor - 1) / 2, 0.0])).tolist())
+    return Mask(cells, replace(grid, shape=cells.shape, spacing=spacing, origin=origin)).silhouette(plane)
+
+
+def picture_silhouette(picture: Picture) -> Mask:
+    """The foreground of a picture as it is seen, of at most 128 cells along its longer side.
+
+    Examples
+    --------
+    >>> plane, raster = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)), Raster((4, 6), (1.0, 1.0), (0.0, 0.0))
+    >>> grey = np.zeros((4, 6), np.uint8)
+    >>> grey[1:3, 2:5] = 200
+    >>> int(picture_silhouette(Picture(grey, plane, raster, "mip", (0.0, 200.0))).values.sum())
+    6
+    """
+    grey = picture.values if picture.values.ndim == 2 else picture.grey()
+    there = find_foreground_voxels(Volume.from_array(np.ascontiguousarray(grey)[None]))[0]
+    factor = max(1, -(-max(there.shape) // _OUTLINED))
+    cells, ((du, dv), (a, b)) = _mostly_set(there, factor), (picture.raster.spacing, picture.raster.origin)
+    middle = (factor - 1) / 2
+    rows, columns = cells.shape
+    return Mask(cells, Raster((rows, columns), (factor * du, factor * dv), (a + middle * du, b + middle * dv)))
+
+
+def _mostly_set(there: NDArray[np.bool_], factor: int) -> NDArray[np.bool_]:
+    """Squares of so many pixels in which at least half are set: specks of noise are no subject."""
+    high, wide = (max(1, n // factor) for n in there.shape)
+    squares = there[: high * factor, : wide * factor].reshape(high, factor, wide, factor) if factor > 1 else None
+    return there if squares is None else np.asarray(squares.mean(axis=(1, 3)) >= 0.5)
 
 
 # The foreground of a slice counts from this share of it on: dust and the noise of air are less, the tip of a fin is
@@ -133,7 +226,11 @@ def tissue_test(volume: Volume, plane: Plane | None = None) -> IsTissue:
     return is_tissue
 
 
-# Of a grid whose axes are not known to be a patient's.
+PICTURE_SIDES = ("left side", "right side", "top", "bottom")
+"""The sides of a picture as it is seen."""
+
+# Of a volume that is a picture, and of a grid whose axes are not known to be a patient's.
+_PICTURE_ENDS = (PICTURE_SIDES[1::-1], PICTURE_SIDES[:1:-1], ("back", "front"))
 _AXIS_ENDS = (("high x side", "low x side"), ("high y side", "low y side"), ("high z side", "low z side"))
 
 
@@ -155,9 +252,42 @@ def side_names(box: Grid) -> tuple[str, ...]:
     for axis in np.asarray(box.direction).T:
         for towards in (-axis, axis):
             world = int(np.abs(towards).argmax())
-            words = _TOWARDS if box.is_anatomical else _AXIS_ENDS
+            words = _TOWARDS if box.is_anatomical else _PICTURE_ENDS if _is_picture(box) else _AXIS_ENDS
             names.append(words[world][int(towards[world] < 0)])
     return tuple(names)
+
+
+def picture_side_names(plane: Plane, box: Grid | None) -> tuple[str, ...]:
+    """The sides of a box that are the four sides of a picture: left, right, upper and lower side as it is seen.
+
+    Parameters
+    ----------
+    box : None of a picture that is of no volume.
+
+    Examples
+    --------
+    >>> box = Grid((4, 4, 4))
+    >>> picture_side_names(Plane.from_view(box, "+y"), box)
+    ('right side (R)', 'left side (L)', 'top (S)', 'bottom (I)')
+    """
+    if box is None:
+        return PICTURE_SIDES
+    names, axes = side_names(box), np.asarray(box.direction).T
+    found: list[str] = []
+    for way in (plane.frame[0], plane.frame[1]):
+        cosines = axes @ way
+        axis = int(np.abs(cosines).argmax())
+        low, high = names[2 * axis : 2 * axis + 2]
+        found += [low, high] if cosines[axis] > 0 else [high, low]
+    return tuple(found)
+
+
+CUT_OFF = "Tissue leaves the box at the {sides}, and is cut off there."
+"""A warning of foreground that is cut off; braces hold the names of the sides."""
+
+LARGER_BOX = "Make the box larger"
+LARGER_BOX_TIP = "As large as needed, now and after every edit: then nothing is cut off"
+"""The remedy next to the warning: its name and what it does."""
 
 
 def cut_off_text(sides: tuple[str, ...]) -> str:
@@ -168,7 +298,7 @@ def cut_off_text(sides: tuple[str, ...]) -> str:
     >>> cut_off_text(("left side (L)", "top (S)"))
     'Tissue leaves the box at the left side (L) and top (S), and is cut off there.'
     """
-    return f"Tissue leaves the box at the {join_names(sides)}, and is cut off there." if sides else ""
+    return CUT_OFF.format(sides=join_names(sides)) if sides else ""
 
 
 def join_names(sides: tuple[str, ...]) -> str:

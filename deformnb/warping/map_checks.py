@@ -22,7 +22,14 @@ from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume, empty_note, label_note
-from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_voxels, side_names, tissue_test
+from deformnb.warping.foreground import (
+    cut_off_text,
+    foreground_at,
+    foreground_level,
+    leaving_voxels,
+    side_names,
+    tissue_test,
+)
 
 # Nodes along the longest side of a box at which every determinant is computed; between them candidates of the fits and
 # a search around the smallest one find narrower folds.
@@ -270,4 +277,4 @@ def _shows_tissue(volume: Volume, field: AbstractField, places: Floats) -> bool:
     if not inside.any():
         return False
     x, y, z = index[inside].T
-    return bool((volume.finite_values[z, y, x] > foreground_level(volume)).any())
+    return bool(foreground_at(volume, z, y, x).any())

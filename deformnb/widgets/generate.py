@@ -93,7 +93,7 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "rbf/newton": (newton, ("SHORTEST_STEP",)),
     "rbf/forward": (forward, ("AIM", "FOUND", "MOST_NEWTON_STEPS", "SEEDS", "SEEDS_AROUND", "TRIED")),
     "analysis/folds": (folds, ("NEARLY_FOLDED",)),
-    "warping/foreground": (foreground, ("LEAVES",)),
+    "warping/foreground": (foreground, ("LEAVES", "PICTURE_SIDES", "CUT_OFF", "LARGER_BOX", "LARGER_BOX_TIP")),
     "imaging/occlusion": (occlusion, ("AMBIENT_CELL", "AMBIENT_NEAR", "AMBIENT_FAR", "AMBIENT_AHEAD", "AMBIENT_EVEN")),
     "imaging/picking": (picking, ("FAINT_VALUE",)),
     "imaging/projection": (projection, ("SATURATED", "METAL")),

@@ -41,6 +41,7 @@ from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.editor.outlines import outline_of_picture, outline_of_volume
 from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.kernel_table import table_for_client
 from deformnb.widgets.messages.views import FieldMaps, FollowData
@@ -215,7 +216,7 @@ def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iter
     return {
         "language": code,
         "words": word_table(code),
-        "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
+        "editor": {**_traits(editor), **_OF_PYTHON, "outline": _outline(editor, part)},
         "view": part.traits if part else None,
         "chunks": part.chunks if part else [],
         "field": part.field if part else None,
@@ -229,6 +230,16 @@ def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iter
         "picture_shows": PICTURE_SHOWS,
         "document": _document(editor, part, name),
     }
+
+
+_OF_PYTHON = {"uid": "standalone", "live": False, "seen": {}, "history": {}, "cut_off": {}, "enlarges": False}
+
+
+def _outline(editor: Editor, part: _ViewPart | None) -> dict[str, Any]:
+    """The tissue on the picture, for the page to report where it leaves the box; {} where the view finds that."""
+    if part is not None:
+        return part.outline
+    return {} if editor.picture is None else outline_of_picture(editor.picture)
 
 
 def _checked_controls(controls: Iterable[str]) -> list[str]:
@@ -304,6 +315,7 @@ class _ViewPart:
     field: dict[str, Any]
     background: str
     still: bytes
+    outline: dict[str, Any]
     cut_off: dict[str, Any]
 
     @property
@@ -321,13 +333,13 @@ def _view_part(editor: Editor, view: LiveView, limit: int | None, report: Progre
     # The same bytes: the colours of the page are of them.
     shown, chunks = _packed_chunks(volume, limit, snapshot.scene.shown, report)
     maps = field_textures(field, shown, output, snapshot.map_size, min(snapshot.space_size, _SPACE_SIZE))
-    box = output or volume.grid
+    box, plane = output or volume.grid, _replicated_plane(field)
     traits = {
         **_traits(view),
         "volume_info": shown.info(),
         "editor": "IPY_MODEL_editor",
         "editor_map": index,
-        "tissue_check": _tissue_check(volume, shown, box),
+        "tissue_check": _tissue_check(volume, shown, box) if plane is None else None,
     }
     scene = replace(snapshot.scene, shown=shown, field=field)
     still = as_png(render_scene(scene, _STILL))
@@ -341,6 +353,7 @@ def _view_part(editor: Editor, view: LiveView, limit: int | None, report: Progre
         _message(maps, shown, index),
         scene.background,
         still,
+        {} if plane is None else outline_of_volume(volume, plane, output),
         {"sides": side_names(box), "text": cut_off_text((_SIDES,))},
     )
 
@@ -394,6 +407,12 @@ def _extrusion(field: AbstractField) -> Extrusion:
     if last is None:
         raise DeformError("the view was shown another deformation since it follows the editor; call follow() again.")
     return last.first
+
+
+def _replicated_plane(field: AbstractField) -> Plane | None:
+    """The picture on which all of a field is seen: it moves every depth equally; None where it does not."""
+    last = None if isinstance(field, Composed) else _extrusion(field)
+    return last.plane if last is not None and last.is_replication and len(last.maps) == 1 else None
 
 
 def _step_of(editor: Editor, field: Extrusion) -> Step | None:

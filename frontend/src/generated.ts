@@ -90,6 +90,10 @@ export const NEARLY_FOLDED = 0.05;
 
 // deformnb/warping/foreground.py
 export const LEAVES = 0.01;
+export const PICTURE_SIDES = ["left side", "right side", "top", "bottom"];
+export const CUT_OFF = "Tissue leaves the box at the {sides}, and is cut off there.";
+export const LARGER_BOX = "Make the box larger";
+export const LARGER_BOX_TIP = "As large as needed, now and after every edit: then nothing is cut off";
 
 // deformnb/imaging/occlusion.py
 export const AMBIENT_CELL = 4;
@@ -421,6 +425,11 @@ export interface WindowPointer {
   moved: number[];
   /** Whether it is being closed. */
   leaves: boolean;
+}
+
+/** A request for a box of the result that holds all tissue. */
+export interface LargerBoxRequest {
+  type: "larger_box";
 }
 
 /** Confirmation of a message, after all callbacks have run. */
@@ -1174,7 +1183,7 @@ export interface CutData {
 export type RegionData = PolygonData | LineData | HalfSpaceData | MaskData;
 
 /** Any message of Editor. */
-export type EditorToPython = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest | WindowPointer;
+export type EditorToPython = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest | WindowPointer | LargerBoxRequest;
 
 /** Any message of Editor. */
 export type EditorToFrontEnd = EditDone | EditRefused | DrawShape | ProposedParts | ShowPart | ShowPoint | WindowPointer;

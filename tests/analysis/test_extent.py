@@ -15,6 +15,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.foreground import PICTURE_SIDES
 from deformnb.warping.warper import warp
 
 TURNED = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -165,6 +166,28 @@ def test_sides_are_told_as_those_of_the_body_where_they_are_known(is_anatomical:
         field = Deformation.from_picture_points(volume.grid, "+y", points, trend="translation").field(volume.grid)
         assert exceeded_sides(reached_places(foreground, field), volume.grid) == sides
         assert exceeded_sides(reached_places(foreground, field), field_of_view(foreground, field).grid) == ()
+
+
+@pytest.mark.parametrize("is_dark", [False, True])
+@pytest.mark.parametrize(
+    ("way", "sides"),
+    [((0.0, 0.0), set()), ((6.0, 3.0), set()), ((-60.0, 0.0), {0}), ((70.0, 0.0), {1}), ((0.0, 55.0), {3})],
+)
+def test_a_picture_has_a_subject_that_leaves_it_where_a_whole_warp_shows_it(
+    is_dark: bool, way: tuple[float, float], sides: set[int]
+) -> None:
+    """Bright on dark ground, or dark on bright paper."""
+    subject = np.zeros((1, 60, 90), np.uint8)
+    subject[0, 20:45, 30:65] = 200
+    volume = Volume(240 - subject if is_dark else subject, Grid((1, 60, 90), is_anatomical=False))
+    field = dragged(volume, way, "+z", support=150.0)
+    wide = volume.grid.crop((0, -90, -90), (1, 240, 270))
+    seen = np.argwhere(warp(Volume(subject, volume.grid), field, output=wide).values > 100)[:, :0:-1] - 90
+    beyond = np.stack([-seen.min(axis=0), seen.max(axis=0) - (89, 59)], axis=1).ravel()
+    most = 1 + 0.01 * np.array([90, 90, 60, 60])
+    assert {k for k in range(4) if beyond[k] > most[k]} == sides
+    names = exceeded_sides(reached_places(find_foreground(volume), field), volume.grid)
+    assert names == tuple(name for k, name in enumerate(PICTURE_SIDES) if k in sides)
 
 
 def test_a_field_of_the_plane_is_refused() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.hosts import Lab, box_at_rest
-from browser.pane_messages import message_script, message_text
+from browser.pane_messages import message_script
 from browser.test_editor_touch import Fingers
 from browser.test_standalone_page import EDITOR, MODELS, Opened
 from waiting import PATIENCE
@@ -131,8 +131,7 @@ def check_on_phone(browser: Any, path: Path, count: int, said: str = "Tissue lea
         )
         phone.wait_settled()
         phone.volume()
-        phone.wait(message_script(".dnb-view-pane"))
-        assert said in message_text(phone.page, ".dnb-view-pane")
+        phone.wait(f"({message_script('.dnb-editor')} + {message_script('.dnb-view-pane')}).includes('{said}')")
         assert phone.errors == []
         assert {url.split(":")[0] for url in phone.requests} <= {"file", "blob", "data"}
     finally:

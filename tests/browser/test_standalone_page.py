@@ -6,13 +6,14 @@ import base64
 import io
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from browser.pane_messages import message_text
+from browser.pane_messages import message_script, message_text
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -45,6 +46,10 @@ PLANE = Plane.from_view(GRID, "+y")
 EDITOR = "document.querySelector('.dnb-editor').deformnb.parts"
 VIEW = "document.querySelector('.dnb-view').deformnb"
 MODELS = "document.body.deformnb"
+FAR = (
+    f"{MODELS}.editor.update({{ points: {EDITOR}.points.list.map((p) => "
+    "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })"
+)
 SIDES = f"{VIEW}.caster.exceededSides({MODELS}.view.get('tissue_check'))"
 
 
@@ -229,14 +234,30 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(open_page: Callable[
     page.wait_settled()
     assert np.abs(page.volume() - moved).mean() < 0.3
     # Far to the right and up tissue leaves the box, beyond the same sides as the core finds.
+    assert "leaves" not in message_text(page.page, ".dnb-editor")
+    page.js(FAR)
+    page.wait_settled()
+    far = Deformation.from_picture_points(GRID, PLANE, page.points()).field(GRID)
+    names = exceeded_sides(reached_places(find_foreground(bar_with_a_ball()), far), FINE)
+    assert len(names) == 2
+    # In the order of the picture's sides, or of the box's axes.
+    assert message_text(page.page, ".dnb-editor") in {cut_off_text(names), cut_off_text(names[::-1])}
+    page.page.keyboard.press("Control+z")
+    page.wait(f"!{message_script('.dnb-editor')}.includes('leaves')")
+
+
+def test_a_map_that_is_not_the_same_at_every_depth_is_checked_by_the_view(open_page: Callable[..., Opened]) -> None:
+    editor, view = pair()
+    step = editor.step(extrusion="modulate", curve=(1.0, 0.4))
+    view.follow(editor, Deformation((step,)).field(GRID), output=FINE)
+    page = open_page(editor, view)
+    page.wait_settled()
     assert page.js(SIDES) == []
-    page.js(
-        f"{MODELS}.editor.update({{ points: {EDITOR}.points.list.map((p) => "
-        "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })"
-    )
+    page.js(FAR)
     page.wait_settled()
     page.volume()
-    far = Deformation.from_picture_points(GRID, PLANE, page.points()).field(GRID)
+    step = replace(step, maps=(page.points(),))
+    far = Deformation((step,)).field(GRID)
     names = exceeded_sides(reached_places(find_foreground(bar_with_a_ball()), far), FINE)
     assert len(names) == 2
     page.js(f"{MODELS}.warn({SIDES})")

@@ -42,6 +42,7 @@ from deformnb.widgets.messages.editors import (
     WINDOWS_AROUND,
     DrawShape,
     EditRefused,
+    LargerBoxRequest,
     ProposedParts,
     ShowPoint,
     WandRequest,
@@ -194,6 +195,8 @@ class Editor(EditedPoints):
         None, for which all of the picture counts.
     tissue : mask of tissue at any depth on the picture's plane, as documents hold a region: decides instead of ``air``
         where folds are in air. Default is {}.
+    outline : tissue that shall stay within the box of the result, ``{"tissue": mask as documents hold it, "sides": four
+        names}``: after each edit the front end reports the sides at which it leaves. Default is {}, for no report.
     lone_support : reach of a single point without trend; default is a quarter of the picture's diagonal.
     cuts, parts : lists of :class:`~deformnb.rbf.cuts.Cut` and :class:`~deformnb.rbf.rigid.RigidPart` of dimension 2, or
         the plain data of :mod:`deformnb.document.json_format`, which the traits then hold.
@@ -275,6 +278,13 @@ class Editor(EditedPoints):
         help="mask of tissue at any depth, as documents hold it; {} where the picture shows it"
     ).tag(sync=True)
     beyond = traitlets.List(traitlets.Float(), help="how far tissue off the picture is drawn").tag(sync=True)
+    outline = traitlets.Dict(
+        help="mask of the tissue that shall stay in the box, and names of its sides on the picture; {} for unknown"
+    ).tag(sync=True)
+    cut_off = traitlets.Dict(
+        help="number of the check in Python, and the sides of the box at which it found tissue cut off"
+    ).tag(sync=True)
+    enlarges = traitlets.Bool(False, help="whether the front end offers a larger box").tag(sync=True)
     subject = traitlets.List(traitlets.Float(), help="the box that is framed; empty for the whole picture").tag(
         sync=True
     )
@@ -302,6 +312,7 @@ class Editor(EditedPoints):
         self._picture = picture
         self._deformed: Picture | None = None
         self._wand_callbacks: list[Callable[[WandRequest], None]] = []
+        self._larger_box_callbacks: list[Callable[[], None]] = []
         super().__init__(points=given, **{**_picture_traits(picture, raster, given), **settings})
 
     # ---- display ----------------------------------------------------------------------------------------------------
@@ -415,18 +426,29 @@ class Editor(EditedPoints):
         """
         self._wand_callbacks.append(callback)
 
+    def observe_larger_box(self, callback: Callable[[], None]) -> None:
+        """Call ``callback()`` when the front end requests a box of the result that holds all tissue.
+
+        Its message about tissue that is cut off has a button for that while the trait ``enlarges`` is True.
+        """
+        self._larger_box_callbacks.append(callback)
+
     def take_message(self, message: Any, buffers: Any = ()) -> None:
         if isinstance(message, WindowPointer):  # to all windows, the sender among them, which waits for its own
             self.post(message)
             return
-        if not isinstance(message, WandRequest):
+        if not isinstance(message, WandRequest | LargerBoxRequest):
             super().take_message(message, buffers)
             return
         try:
-            for callback in tuple(self._wand_callbacks):
-                callback(message)
+            if isinstance(message, WandRequest):
+                for answer in tuple(self._wand_callbacks):
+                    answer(message)
+            else:
+                for enlarge in tuple(self._larger_box_callbacks):
+                    enlarge()
         except Exception as error:  # of any callback: it must not end the connection with the front end
-            _LOG.exception("a callback of the wand failed")
+            _LOG.exception("a callback of the editor failed")
             self.post(EditRefused(message=f"{type(error).__name__} in a callback: {error}"))
 
     @traitlets.validate("uncertainty_facts")

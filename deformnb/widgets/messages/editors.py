@@ -192,6 +192,10 @@ class WandRequest(Message, frozen=True, kw_only=True, tag="wand"):
     largest: Annotated[bool, Meta(description="whether only the largest piece is kept")] = False
 
 
+class LargerBoxRequest(Message, frozen=True, kw_only=True, tag="larger_box"):
+    """A request for a box of the result that holds all tissue."""
+
+
 MOST_NAMED = 64
 """Points at most that a message of a pointer names."""
 
@@ -300,7 +304,7 @@ class WindowAddress(Struct, frozen=True):
 
 
 EditorMessage: TypeAlias = (
-    Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest | WindowPointer
+    Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest | WindowPointer | LargerBoxRequest
 )
 EDITOR: Channel[EditorMessage] = Channel(
     ("Editor",),

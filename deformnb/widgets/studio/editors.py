@@ -32,6 +32,7 @@ from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import Box, row
 from deformnb.widgets.cell_widgets import owned_widgets
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.editor.outlines import outline_of_volume
 from deformnb.widgets.editor.space_editor import SpaceEditor
 from deformnb.widgets.messages.editors import ShowPart
 from deformnb.widgets.studio.controls import button
@@ -70,6 +71,7 @@ def show_step(editor: Any, session: Session) -> None:
             editor.cuts, editor.parts, editor.cut_rule = step.cuts, step.parts, step.cut_rule
             editor.beyond = _box_on_picture(session)
             editor.subject = list(session.pictures.subject_box)
+            editor.outline = _outline(session)
             editor.front_only = is_front_only(step)
         else:
             editor.cuts, editor.parts = step.cuts, step.parts
@@ -144,6 +146,14 @@ def _box_on_picture(session: Session) -> list[float]:
         return []
     corners = session.editing.plane.to_plane(session.editing.output.corners())[:, :2]
     return np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1).ravel().tolist()
+
+
+def _outline(session: Session) -> dict[str, Any]:
+    """The tissue that the step moves as it is on the picture; {} where other steps or its depth decide that too."""
+    edited, step = session.editing.state, session.editing.step
+    if step.plane is None or step.extrusion != "replicate" or len(edited.deformation.steps) > 1:
+        return {}
+    return outline_of_volume(session.volume, step.plane)
 
 
 def _options(session: Session) -> dict[str, Any]:

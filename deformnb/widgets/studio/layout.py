@@ -188,7 +188,7 @@ class StudioPanels:
 
 def make_panels(s: PanelParts) -> StudioPanels:
     """All panels of a studio."""
-    output = OutputCheck(s.session, s.guard, s.worker)
+    output = OutputCheck(s.session, s.guard, s.worker, s.editors.plane)
     diagnostics = DiagnosticsUpdates(s.session, s.guard, s.editors, s.worker)
     points = LatePanel(PointsPanel, s.session, s.guard, s.editors, s.worker)
     shapes = LatePanel(ShapesPanel, s.session, s.guard, s.editors, s.given.labels, s.given.label_names, s.folder)

@@ -12,6 +12,7 @@ import { HelpPanel } from "../ui/keys.ts";
 import { Toolbar } from "../ui/toolbar.ts";
 import { EditorDrawing, initialize } from "./base.ts";
 import { BendTools } from "./bend_tools.ts";
+import { BoxWarning } from "./box_warning.ts";
 import { Brush } from "./brush_tool.ts";
 import { Clicks } from "./clicks.ts";
 import { ColourBar } from "./colour_bar.ts";
@@ -138,6 +139,7 @@ export class EditorView extends EditorDrawing {
     layers.nodes = new GridNodes(parts);
     tools.others = new OtherWindows(parts);
     panels.status = new StatusLine(parts);
+    panels.box = new BoxWarning(parts);
     offerTools(bus, pictureViewTools(parts), this.stage.closing.signal);
     root.append(messages.liveRegion);
     Object.assign(root, { deformnb: this }); // for tests and for debugging
@@ -174,6 +176,8 @@ export class EditorView extends EditorDrawing {
     for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => map.invalidate());
     for (const name of ["settings", "stop_at_folds"]) on(`change:${name}`, () => tools.foldStop.leave());
     for (const name of ["air", "tissue"]) on(`change:${name}`, () => this.#forgetFolds());
+    for (const name of ["cut_off", "enlarges"]) on(`change:${name}`, () => this.parts.panels.box.receive());
+    on("change:outline", () => frames.invalidate());
     on("change:window", () => tools.window.apply());
     on("change:colours", () => picture.applyColours());
     on("change:shows", () => picture.applyShows());
@@ -378,6 +382,7 @@ export class EditorView extends EditorDrawing {
     for (const part of [tools.brush, tools.window, tools.wand, tools.foldOffers, panels.cut]) part.show();
     panels.colours.update();
     panels.status.update();
+    panels.box.update();
     this.#updateToolbar();
     frames.rate.recordFrame(performance.now());
   }

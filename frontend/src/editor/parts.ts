@@ -6,6 +6,7 @@ import type { HelpPanel } from "../ui/keys.ts";
 import type { Toolbar } from "../ui/toolbar.ts";
 import type { EditorTheme } from "./base.ts";
 import type { BendTools } from "./bend_tools.ts";
+import type { BoxWarning } from "./box_warning.ts";
 import type { Brush } from "./brush_tool.ts";
 import type { Clicks } from "./clicks.ts";
 import type { ColourBar } from "./colour_bar.ts";
@@ -89,6 +90,7 @@ export interface Panels {
   names: NamePrompt;
   help: HelpPanel;
   status: StatusLine;
+  box: BoxWarning;
   cut: CutBar;
   colours: ColourBar;
 }

@@ -6,10 +6,12 @@ import { PICTURE_SUFFIXES, readPicture } from "../formats/pictures.ts";
 import { FileError, shownText } from "../formats/reading.ts";
 import type { KnownSpacing, Volume } from "../formats/volume_files.ts";
 import { readVolume, VOLUME_SUFFIXES, volumeSuffix, voxelChecksum } from "../formats/volume_files.ts";
+import { PICTURE_SIDES } from "../generated.ts";
+import { coarseMask } from "../maths/tissue_extent.ts";
 import type { Plane, Values } from "../types.ts";
-import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "../volume/grid.ts";
+import { coarserGrid, lengthsOf, pictureSides, planeAlong, unitOf, voxelRaster } from "../volume/grid.ts";
 import type { Measured } from "../volume/levels.ts";
-import { measureLevels, repairValues, specimen, tableOf, windowOf } from "../volume/levels.ts";
+import { measureLevels, repairValues, specimen, subjectPixels, tableOf, windowOf } from "../volume/levels.ts";
 import {
   bytesOfVolume,
   cornerPoints,
@@ -19,7 +21,6 @@ import {
   pictureWindow,
   piecesOf,
   stillField,
-  tissueCheck,
   volumeInfo,
 } from "../volume/packing.ts";
 import type { PageData } from "./standalone_page.ts";
@@ -119,7 +120,7 @@ export async function dataOf(template: Template, opened: Opened, side: string): 
   const { volume, photograph, about, packed } = opened,
     { grid } = volume,
     plane = planeAlong(grid, side);
-  const { image, raster, still } = photograph
+  const { image, raster, still, outline } = photograph
     ? await colourPicture(photograph, plane)
     : await greyPicture(volume, about, plane);
   editors += 1;
@@ -130,6 +131,7 @@ export async function dataOf(template: Template, opened: Opened, side: string): 
     uid: `standalone ${editors}`,
     image,
     raster,
+    outline,
     points,
     next_id: points.length,
     label: `Picture of ${volume.name}`,
@@ -150,7 +152,6 @@ export async function dataOf(template: Template, opened: Opened, side: string): 
     table,
     unit,
     volume_info: volumeInfo(volume, about, { ...packed.packed, chunks, views, id, window, share, grid: shown }),
-    tissue_check: tissueCheck(volume, about, window),
     camera: { direction: [...n], up: v.map((x) => -x), zoom: 1, pan: [0, 0] },
     clip: [
       [0, 1],
@@ -163,12 +164,12 @@ export async function dataOf(template: Template, opened: Opened, side: string): 
     view,
     chunks: packed.chunks,
     field: stillField(grid, shown, plane),
-    cut_off: template.cut_off && { ...template.cut_off, sides: sideNames(grid) },
   };
 }
 
 async function greyPicture(volume: Volume, about: Measured, plane: Plane) {
   const pixels = maximumProjection(volume, plane),
+    air = volume.isLabels ? about.whole[0] : about.levels[1],
     raster = voxelRaster(volume.grid, plane),
     [high, wide] = raster.shape;
   const { rgba, facts } = packedPicture(pixels, pictureWindow(pixels, volume, about));
@@ -185,6 +186,13 @@ async function greyPicture(volume: Volume, about: Measured, plane: Plane) {
   return {
     image,
     still: await pngOf(seen, wide, high),
+    outline: {
+      tissue: await coarseMask(
+        Uint8Array.from(pixels, (value) => Number(value > air)),
+        raster,
+      ),
+      sides: pictureSides(plane),
+    },
     raster: { ...raster, ...facts, unit: about.hounsfield ? "HU" : "", lengths: unitOf(volume.grid) },
   };
 }
@@ -199,6 +207,10 @@ async function colourPicture({ shown: { rgba, width, height, factor }, volume }:
   return {
     image,
     still: image,
+    outline: {
+      tissue: await coarseMask(subjectPixels(volume), voxelRaster(volume.grid, plane)),
+      sides: [...PICTURE_SIDES],
+    },
     raster: {
       shape: [height, width],
       spacing: [factor * du, factor * dv],

@@ -105,7 +105,7 @@ function editorAnswers(model: () => PlainModel): (message: Values) => void {
     queueMicrotask(() => {
       const m = model(),
         message = content as EditorToPython;
-      if (message.type === "wand" || message.type === "pointer") return; // these need Python, and other windows
+      if (!("sender" in message)) return; // these need Python, and other windows
       const { sender, seq } = message,
         isMove = message.type === "edit" && message.phase === "move";
       if (message.type === "shapes") m.update({ [message.what]: message.shapes });

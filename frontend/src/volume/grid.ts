@@ -244,11 +244,10 @@ const TOWARDS = [
   ["top (S)", "bottom (I)"],
 ] as const;
 
-/** The six sides of the box in words: where x is lowest and highest, then y, then z. */
-export function sideNames({ direction }: Grid) {
-  return AXES.flatMap((k) => {
-    const along = column(direction, k),
-      world = longestOf(along),
+/** The sides of the box that are those of a picture, in words: where a is lowest and highest, then b. */
+export function pictureSides({ u, v }: Plane) {
+  return [u, v].flatMap((along) => {
+    const world = longestOf(along),
       [positive, negative] = TOWARDS[world];
     return along[world] < 0 ? [positive, negative] : [negative, positive];
   });

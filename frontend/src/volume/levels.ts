@@ -42,6 +42,26 @@ export function repairValues(values: Values) {
   return bad;
 }
 
+/**
+ * The pixels of a picture that show its subject, as deformnb/warping/foreground.py finds them: the bright ones, where the
+ * rim is bright the dark ones.
+ */
+export function subjectPixels(picture: Volume): Uint8Array {
+  const { values } = picture,
+    [, high, wide] = picture.grid.shape,
+    above = (some: Values) => {
+      const [, edge] = measureLevels({ ...picture, values: some }).levels;
+      return Uint8Array.from(some, (value) => Number(value > edge));
+    },
+    bright = above(values);
+  let count = 0;
+  for (let j = 0; j < wide; j++) count += bright[j]! + bright[(high - 1) * wide + j]!;
+  for (let i = 0; i < high; i++) count += bright[i * wide]! + bright[i * wide + wide - 1]!;
+  if (count <= high + wide) return bright;
+  const { high: most } = rangeOf(values);
+  return above(values.map((value: number) => most - value));
+}
+
 /** The smallest and the largest value from a limit on. */
 function rangeOf(values: Values, from: number = -Infinity, to: number = Infinity) {
   let low = Infinity,

@@ -3,15 +3,7 @@
 // deformnb/imaging/projection.py and deformnb/widgets/textures.py.
 
 import type { Values, Volume } from "../formats/volume_files.ts";
-import {
-  LEAVES,
-  MAP_SIZE,
-  METAL,
-  MOST_VOXELS_SENT,
-  PACKED_CHUNK_BYTES,
-  SATURATED,
-  WINDOWS_AROUND,
-} from "../generated.ts";
+import { MAP_SIZE, METAL, MOST_VOXELS_SENT, PACKED_CHUNK_BYTES, SATURATED, WINDOWS_AROUND } from "../generated.ts";
 import type { Axis } from "../maths/axes.ts";
 import { AXES, perAxis } from "../maths/axes.ts";
 import { added, dot } from "../maths/camera.ts";
@@ -232,15 +224,6 @@ function boxOf(own: Grid, grid: Grid) {
     lengths = lengthsOf(own),
     low = perAxis((k) => middle[k] - own.spacing[k] / 2);
   return { low, high: added(low, lengths) };
-}
-
-/** Values above which bytes are foreground, and how far beyond the box it has left it, in shares. */
-export function tissueCheck({ grid, isLabels }: Volume, { whole, levels }: Measured, [low, high]: Vector2) {
-  const level = ((isLabels ? whole[0] : levels[1]) - low) / (high - low);
-  return {
-    tissue: Math.min(254 / 255, Math.max(0, level)),
-    beyond: grid.shape.toReversed().map((n) => (1 + LEAVES * n) / n),
-  };
 }
 
 /**

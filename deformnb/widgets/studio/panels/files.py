@@ -2,8 +2,8 @@
 
 The box of the result is set here too: as the volume, with a margin, or as large as the deformed foreground needs.
 Foreground that is dragged out of the box is cut off everywhere: in the view, in the result, in every written file. So
-after each edit the studio's thread checks for that, makes the box again if it shall be as large as needed, and warns
-otherwise: below the picture, where the user sees it, with a button that makes the box larger.
+at the end of each edit the editor of a picture warns of that, with a button that makes the box larger. The studio's
+thread checks it exactly, for steps of every kind, and makes the box again if it shall be as large as needed.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ from deformnb.io.files.errors import human_bytes
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.foreground import cut_off_text, join_names
+from deformnb.warping.foreground import LARGER_BOX, LARGER_BOX_TIP, cut_off_text, join_names
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, row
+from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.parameters import PAGE_CONTROLS
@@ -400,9 +401,6 @@ CHOICES = {"as the volume": "volume", "as large as needed": "needed", "with a ma
 
 _OWN = ("custom", "own")  # set by code
 
-LARGER = ("Make the box larger", "As large as needed, now and after every edit: then nothing is cut off")
-"""The remedy next to the warning: its name and its action."""
-
 # Of the longest edge of the volume: the margin that is proposed.
 _MARGIN = 0.1
 
@@ -413,25 +411,29 @@ class OutputCheck(Panel):
     Parameters
     ----------
     worker : the studio's thread.
+    editor : on whose picture the front end warns, from the outline of the tissue and at the end of each edit; it gets
+        what is found here.
 
     Attributes
     ----------
-    warning : a line below the pictures while something is cut off, with the remedy.
+    warning : a line below the pictures while something is cut off by a step in space, with the remedy.
     follows : whether the box is as large as needed after every edit; it then belongs to the edit, and goes with it.
     sides : of the box at which something is cut off.
     done : called after each check.
     """
 
-    def __init__(self, session: Session, guard: Guard, worker: Worker) -> None:
+    def __init__(self, session: Session, guard: Guard, worker: Worker, editor: Editor) -> None:
         super().__init__(session, guard)
-        self.worker = worker
+        self.worker, self.editor = worker, editor
         self.follows = self._is_requested = False
         self.sides: tuple[str, ...] = ()
+        self._checks = 0
         self.done: Callable[[], None] = lambda: None
         self._known: Deformation | None = None
         self._text: Any = None  # made with the first warning, as is the button
         self.warning = row()
         self.warning.is_visible = False
+        editor.observe_larger_box(weakly(self, OutputCheck._make_larger))
         self.refresh()
 
     @property
@@ -454,13 +456,15 @@ class OutputCheck(Panel):
         self._show_warning()
 
     def _show_warning(self) -> None:
-        if self.sides and self._text is None:
+        sides = () if self.session.editing.step.plane is not None else self.sides
+        self.editor.enlarges = not self.follows  # then it is as large as it may be
+        if sides and self._text is None:
             self._text = basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0"))
-            self.warning.children = (self._text, button(*LARGER, self._make_larger))
+            self.warning.children = (self._text, button(LARGER_BOX, LARGER_BOX_TIP, self._make_larger))
         if self._text is not None:
-            self._text.value = as_html(cut_off_text(self.sides))
-            basic.set_visible(self.warning.children[1], not self.follows)  # then it is as large as it may be
-        basic.set_visible(self.warning, self.sides)
+            self._text.value = as_html(cut_off_text(sides))
+            basic.set_visible(self.warning.children[1], not self.follows)
+        basic.set_visible(self.warning, sides)
 
     def _make_larger(self) -> None:
         self.guard(lambda: self.follow(True))
@@ -489,6 +493,8 @@ class OutputCheck(Panel):
         elif self.follows and session.editing.output is not None:
             session.results.fit_output(joins=True)
         self.sides = session.results.exceeded_sides()
+        self._checks += 1
+        self.editor.cut_off = {"check": self._checks, "sides": list(self.sides)}
         self.refresh()
         self.done()
 

@@ -8,12 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from studio_driver import find_box, find_panel
 
 from deformnb.analysis.extent import padded
 from deformnb.document import edits as key_frames
+from deformnb.document.deformation import Deformation
+from deformnb.document.json_regions import region_from_data
+from deformnb.rbf.regions import Mask
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.studio.panels.animation import AnimationPanel
 from deformnb.widgets.studio.panels.files import OutputCheck, ResultBox
 from deformnb.widgets.studio.studio import Studio
@@ -39,8 +44,10 @@ def run(action: Callable[[], None]) -> bool:
 @pytest.fixture
 def box() -> Iterator[ResultBox]:
     """A box whose thread is the test: what it asks for is done by "check"."""
-    made = ResultBox(session := Session(a_brick()), run, OutputCheck(session, run, Worker()))
+    session = Session(a_brick())
+    made = ResultBox(session, run, OutputCheck(session, run, Worker(), Editor()))
     yield made
+    made.check.editor.close()
     made.check.worker.close()
 
 
@@ -77,7 +84,7 @@ def test_the_margin_of_a_box_that_was_opened_is_read_back(margin: float) -> None
     volume = replace(a_brick(), grid=Grid((16, 16, 16), (3.0, 2.0, 4.0), (5.0, -3.0, 2.0)))
     session = Session(volume)
     session.results.grow(margin)
-    box = ResultBox(session, run, OutputCheck(session, run, Worker()))
+    box = ResultBox(session, run, OutputCheck(session, run, Worker(), Editor()))
     refresh(box)
     before = session.editing.output
     assert (box.choice.value, box.margin.layout.display) == ("margin", None)
@@ -109,26 +116,28 @@ def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:
 
 
 def test_what_is_cut_off_is_warned_of_with_a_way_out(box: ResultBox) -> None:
-    session, seen = box.session, box.check.warning
-    assert not seen.is_visible
+    session, editor = box.session, box.check.editor
+    looked(box)
+    assert (editor.cut_off["sides"], editor.enlarges) == ([], True)
     drag_out(session)
     looked(box)
-    text, button = seen.children
-    assert seen.is_visible
-    assert 'role="status"' in text.value
-    assert "Tissue leaves the box at the left side (L), and is cut off there." in text.value
+    assert editor.cut_off["sides"] == ["left side (L)"]
+    assert not box.check.warning.is_visible  # the editor of the picture has it
     assert box.words.value.endswith("cut off at the left side (L)")
-    button.click()
+    before = editor.cut_off
+    box.check.check()
+    assert editor.cut_off != before  # the front end gets each answer, also one that is the same
+    deliver(editor, {"type": "larger_box"})
     looked(box)
     assert (box.choice.value, session.results.exceeded_sides()) == ("needed", ())
-    assert not seen.is_visible
+    assert (editor.cut_off["sides"], editor.enlarges) == ([], False)
     assert "cut off" not in box.words.value
     drag_out(session, 40.0)
     looked(box)
-    assert (seen.is_visible, session.results.exceeded_sides()) == (False, ())  # the box goes on with the edits
+    assert (editor.cut_off["sides"], session.results.exceeded_sides()) == ([], ())  # the box goes on with the edits
     box.choice.value = "volume"
     looked(box)
-    assert (seen.is_visible, button.layout.display) == (True, None)
+    assert (editor.cut_off["sides"], editor.enlarges) == (["left side (L)"], True)
 
 
 def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
@@ -136,22 +145,45 @@ def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
     looked(box)
     drag_out(box.session, 5000.0)
     looked(box)
-    assert box.check.warning.is_visible
-    assert box.check.warning.children[1].layout.display == "none"
+    assert box.check.editor.cut_off["sides"]
+    assert not box.check.editor.enlarges
 
 
-def test_the_warning_lies_over_the_volume() -> None:
+def test_a_step_in_space_is_warned_of_below_the_pictures() -> None:
     studio = Studio(a_brick())
     try:
-        panel = find_panel(studio, OutputCheck)
+        panel, session = find_panel(studio, OutputCheck), studio.session
         assert panel.warning in find_box(studio, "dnb-studio-messages").children
-        drag_out(studio.session)
+        session.editing.deformation = Deformation((session.editing.initial_step(None),))
+        centre = np.asarray(session.volume.grid.center)
+        session.editing.edit_points(session.editing.points.add(centre, np.add(centre, (24.0, 0.0, 0.0))))
         studio.wait()
         assert panel.warning.is_visible
-        panel.warning.children[1].click()
+        text, button = panel.warning.children
+        assert 'role="status"' in text.value
+        assert "Tissue leaves the box at the left side (L), and is cut off there." in text.value
+        button.click()
         studio.wait()
         assert not panel.warning.is_visible
         assert studio.session.results.exceeded_sides() == ()
+    finally:
+        studio.close()
+
+
+def test_the_tissue_on_the_picture_is_known_where_the_step_alone_moves_it() -> None:
+    studio = Studio(a_brick())
+    try:
+        session, editor = studio.session, studio.editor
+        assert editor.outline["sides"] == ["right side (R)", "left side (L)", "top (S)", "bottom (I)"]
+        tissue = region_from_data(editor.outline["tissue"])
+        assert isinstance(tissue, Mask)
+        assert tissue.values.sum() == 8 * 8
+        session.editing.change(extrusion="modulate", curve=(1.0, 0.0))
+        studio.wait()
+        assert editor.outline == {}
+        session.editing.undo()
+        studio.wait()
+        assert editor.outline
     finally:
         studio.close()
 
