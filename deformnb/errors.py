@@ -97,7 +97,7 @@ class FileChangedError(VolumeFileError):
 
 
 class OtherVolumeError(DeformError):
-    """A document was made on another volume than the one it shall be opened on; nothing was opened."""
+    """A document was made on another volume than the one it should be opened on; nothing was opened."""
 
 
 class MissingPackageError(DeformError, ImportError):

@@ -228,6 +228,7 @@ OF_A_WHOLE_PACKAGE = {
     "io/test_metadata_mutations.py": "every field of metadata of every format",
     "io/test_format_table.py": "every format, and the program that agreed on it",
     "io/test_peers.py": "formats and the programs with which they are exchanged",
+    "words/test_plain_english.py": "the English of all texts that users read",
 }
 
 

@@ -27,7 +27,7 @@ class GridScore:
     ----------
     reached : (rows, columns, 2), where the nodes of the source grid are after the deformation, picture coordinates.
     missing : (rows, columns, 2), the displacements from there to the nodes that Thompson drew.
-    distances : (rows, columns), the length of that way in pixels of the drawing of the first animal.
+    distances : (rows, columns), the length of that displacement in pixels of the drawing of the first animal.
     before : (rows, columns), the same without any deformation.
 
     Examples
@@ -61,7 +61,7 @@ class GridScore:
     def __str__(self) -> str:
         row, column = self.worst
         return (
-            f"{self.percent:.0f} % of the way; {self.mean:.1f} pixels from Thompson's nodes on average, "
+            f"{self.percent:.0f} % of the change; {self.mean:.1f} pixels from Thompson's nodes on average, "
             f"{self.distances[row, column]:.1f} at worst, at node r{row} c{column}"
         )
 
@@ -110,7 +110,7 @@ def thompson_score(
     before = np.linalg.norm((target - source) / pixel, axis=-1)
     if before.mean() < 1e-9 * np.ptp(grids.source.nodes):
         raise DeformError(
-            f"{grids.source.species} to {grids.target.species} moves no node, so there is no way to be "
+            f"{grids.source.species} to {grids.target.species} moves no node, so there is nothing to be "
             "scored; choose two different animals."
         )
     if isinstance(what, AbstractField) or hasattr(what, "plane") or hasattr(what, "steps"):

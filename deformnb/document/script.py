@@ -178,7 +178,7 @@ def _points(points: ControlPoints) -> str:
         rows["locked"] = repr(points.locked.tolist())
     if not np.isnan(points.radius).all():
         rows["radius"] = "[" + ", ".join("None" if np.isnan(r) else repr(r) for r in points.radius.tolist()) + "]"
-    if points.next_id != last:  # points were removed: their ids shall not be used again
+    if points.next_id != last:  # points were removed: their ids must not be used again
         rows["next_id"] = str(points.next_id)
     return "dn.ControlPoints.from_arrays(\n" + "".join(f"    {key}={value},\n" for key, value in rows.items()) + ")"
 

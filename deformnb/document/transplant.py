@@ -52,7 +52,7 @@ def transplant(deformation: Deformation, grid: Grid, alignment: str = "none") ->
     Parameters
     ----------
     deformation : made on any volume.
-    grid : of the volume it shall be applied to.
+    grid : of the volume it should be applied to.
     alignment : a name of :data:`ALIGNMENTS`.
 
     Raises
@@ -85,7 +85,7 @@ def with_true_spacing(deformation: Deformation, grid: Grid) -> tuple[Deformation
 
     Parameters
     ----------
-    grid : of the volume on which it shall be edited.
+    grid : of the volume on which it should be edited.
 
     Raises
     ------

@@ -599,7 +599,7 @@ def _magnification_text(magnify: float) -> str:
         return "not dragged at all (\u00d7 0)"
     if magnify > 0:
         return f"deformed, dragged {magnify:g} times as far"
-    return f"deformed the opposite way (\u00d7 \u2212{-magnify:g})"
+    return f"deformed in the opposite direction (\u00d7 \u2212{-magnify:g})"
 
 
 def _gain_text(gain: float) -> str:

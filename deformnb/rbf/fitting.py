@@ -381,7 +381,7 @@ def _free_points(
         torn = next((p for p, is_within in zip(parts, within, strict=True) if is_within[k]), None)
         if torn is not None:
             notes.append(
-                f"{points.label(k)} takes hold of {torn.label}, which does not follow: its tissue is seen twice"
+                f"{points.label(k)} is dragged in {torn.label}, which does not follow: its tissue is seen twice"
             )
     return free, notes
 

@@ -1,4 +1,4 @@
-"""Control points: pairs of a source (the place of a feature) and a target (the place to which it shall move).
+"""Control points: pairs of a source (the place of a feature) and a target (the place to which it should move).
 
 Dragging a point moves its target. The backward displacement at the target is ``source - target``, so the feature of
 the source appears exactly where it was dropped. Every change makes a new object; ids are never given twice.

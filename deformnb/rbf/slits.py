@@ -10,7 +10,7 @@ W is :meth:`~deformnb.rbf.regions.Line.opening`: 0 from the tip onwards, 1 away 
 It is measured where the tissue comes from without the cut, so that the tip is a place of the tissue and is carried by a
 drag. Three things follow:
 
-- A control point is hit exactly at any w: both fits take it where it shall go.
+- A control point is hit exactly at any w: both fits take it where it should go.
 - Both sides have the same map, D_0, wherever w = 0. So there is no jump beyond the tip, nor at it, as long as the map
   does not fold; the jump tends to 0 with w, like the square of the distance from the tip.
 - Each side's map has a continuous derivative.

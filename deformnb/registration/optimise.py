@@ -1,6 +1,6 @@
 """Optimisation of targets from pictures: one by one by correlation, or all together by a multiscale fit.
 
-Both take two pictures, a moving one that the points deform and a fixed one that it shall match, in the same
+Both take two pictures, a moving one that the points deform and a fixed one that it should match, in the same
 coordinates; or two volumes, for points in space. The result is ordinary control points. Pictures and volumes are
 compared as grey values that can be sampled anywhere.
 

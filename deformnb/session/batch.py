@@ -114,7 +114,7 @@ def replay(
     folder : of the results, which have the names of their inputs; made if it is not there.
     work : the function for one file; default reads a volume, deforms it and writes it.
     options : of the work, as plain JSON: results that were made with others are made again.
-    suffix : of the results, such as ".nii.gz", where they shall have another format than their inputs.
+    suffix : of the results, such as ".nii.gz", where they should have another format than their inputs.
     overwrite : replace files that no replay has written.
     progress : called with the name of an input and the finished share of it; may raise
         :class:`~deformnb.errors.Cancelled`. Finished results stay.

@@ -333,7 +333,7 @@ class Editing(traitlets.HasTraits):
         Parameters
         ----------
         made : result of the edit. If something else is shown by now, or an older state, nothing happens.
-        better : what shall be shown instead; undo reverts the edit with it.
+        better : what should be shown instead; undo reverts the edit with it.
         notice : the message to the user.
 
         Returns

@@ -263,7 +263,7 @@ class Plane:
         ----------
         origin : (x, y, z) of picture coordinates (0, 0).
         normal : viewing direction, any length but zero.
-        up : direction that shall point up in the picture; default is the head (+z), or -y for a view along z.
+        up : direction that should point up in the picture; default is the head (+z), or -y for a view along z.
         """
         n = np.array(_triple(normal, "normal"))
         if np.linalg.norm(n) < 1e-12:

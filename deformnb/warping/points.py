@@ -385,7 +385,7 @@ class Landmarks:
     def control_points(self) -> ControlPoints:
         """Pairs as control points: each place is dragged to its fixed one. What has none is left out."""
         if self.fixed is None:
-            raise DeformError("these landmarks are single places, not pairs; control points need where each shall go.")
+            raise DeformError("these landmarks are single places, not pairs; control points need where each should go.")
         whole = np.flatnonzero(np.isfinite(self.fixed).all(axis=1))
         assert self.active is not None
         return ControlPoints.from_arrays(

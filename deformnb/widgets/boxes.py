@@ -49,7 +49,7 @@ class Box:
 
     def __init__(self, children: Iterable[Any] = (), classes: str = "", **style: str) -> None:
         self.number = next(_NUMBERS)
-        self._around: weakref.ref[Box | Boxes] | None = None  # a thread may hold a box, and shall not hold the studio
+        self._around: weakref.ref[Box | Boxes] | None = None  # a thread may hold a box, and must not hold the studio
         self._classes = tuple(classes.split())
         self._style = {name.replace("_", "-"): value for name, value in style.items()}
         self._is_visible = True

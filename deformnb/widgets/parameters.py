@@ -182,14 +182,14 @@ PARAMETERS: dict[str, AbstractParameter] = {
     ),
     "strength": Number(
         _label("strength"),
-        "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite way",
+        "1 as dragged, 0 not at all, more exaggerates, less than 0 in the opposite direction",
         -1.0,
         3.0,
         0.01,
     ),
     "stages": Number(
         _label("stages"),
-        "Small maps done one after the other; more fold later and take longer",
+        "Small maps applied one after the other; with more, longer drags are free of folds, and it takes longer",
         1,
         MOST_STAGES,
         1,
@@ -249,7 +249,9 @@ PARAMETERS: dict[str, AbstractParameter] = {
         "Ambient occlusion",
         "Hollows and deep places are darker, where the browser draws the volume shaded; VTK's pictures have none",
     ),
-    "plane_frame": Switch("Frame", "The frame of the picture in the volume: where its plane lies, and which way is up"),
+    "plane_frame": Switch(
+        "Frame", "The frame of the picture in the volume: where its plane lies, and which direction is up"
+    ),
     "show_folds": Switch("Folds in the volume", "Red stripes on tissue that is shown twice"),
 }
 """All parameters by name; lengths are shares of the volume's diagonal."""

@@ -98,7 +98,7 @@ class Worker:
 
     @property
     def is_wanted(self) -> bool:
-        """True if something waits or the thread shall end: long work checks this and stops."""
+        """True if something waits or the thread should end: long work checks this and stops."""
         return self._queue.is_wanted
 
     @property

@@ -61,10 +61,10 @@ EXERCISES: dict[str, AbstractExercise] = {
         0.5,
         "Draw it: 30 to the right and 10 down. After the turn, what points to the right points down.",
         (
-            ((10, -30), "That is the turn the other way, anticlockwise. Remember that b grows downwards."),
+            ((10, -30), "That is the turn in the other direction, anticlockwise. Remember that b grows downwards."),
             ((-30, -10), "That is half a turn."),
             ((10, 30), "That is a reflection: it exchanges a and b. Look at the sign of a."),
-            ((30, -10), "That is a reflection at a level line."),
+            ((30, -10), "That is a reflection at a horizontal line."),
         ),
     ),
     "freedom": Numbers(

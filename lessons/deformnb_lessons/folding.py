@@ -34,7 +34,7 @@ def _fold_fault(animal: MovedAnimal) -> str:
     if far < DRAG - ROUNDED:
         return (
             f"No part of the carp moves farther than {far:.0f} mm. Keep it at {DRAG:g} mm or more, and remove the fold "
-            "in another way."
+            "by a setting."
         )
     return ""
 
@@ -152,9 +152,9 @@ EXERCISES: dict[str, AbstractExercise] = {
         "64/135 of it, 47.4 mm.",
         47.4,
         2,
-        "Change the way in the cell above, and look when the smallest determinant becomes 0.",
+        "Change the number in the cell above, and look when the smallest determinant becomes 0.",
         (
-            (100, "At 100 mm the smallest determinant is far below 0. Try shorter ways."),
+            (100, "At 100 mm the smallest determinant is far below 0. Try shorter drags."),
             (50, "Nearly. At 50 mm the smallest determinant is just below 0."),
             (0.47, "That is the share of the support radius. How many millimetres?"),
         ),

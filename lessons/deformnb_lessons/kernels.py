@@ -51,10 +51,10 @@ _ROUNDED = "These are the right numbers, but rounded too much. Give both with tw
 EXERCISES: dict[str, AbstractExercise] = {
     "between": Numbers(
         "At a = 0 the displacement is 10 mm and at a = 100 it is 50 mm. How large is it on a straight line at a = 25?",
-        "A quarter of the way from 10 to 50.",
+        "10 and a quarter of the difference of 10 and 50.",
         20,
         0.5,
-        "25 is a quarter of 100. Go a quarter of the way from 10 to 50.",
+        "25 is a quarter of 100. Add a quarter of the difference of 10 and 50 to 10.",
         (
             (30, "That is in the middle, at a = 50."),
             (12.5, "That is a quarter of 50. The line begins at 10, not at 0."),
@@ -82,7 +82,7 @@ EXERCISES: dict[str, AbstractExercise] = {
         0.03,
         "Solve w1 + 0.1875 w2 = 10 and 0.1875 w1 + w2 = 0.",
         (
-            ((10, 0), "The second point would move by 10 times 0.1875, which is 1.9 mm, and it shall stay."),
+            ((10, 0), "The second point would move by 10 times 0.1875, which is 1.9 mm, and it should stay."),
             ((10, -1.88), "The second weight reaches the first point too: solve both equations together."),
             ((-1.94, 10.36), "These are the right numbers in the other order."),
             *((rounded, _ROUNDED) for rounded in ((10.4, -1.9), (10.4, -1.94), (10.36, -1.9), (10, -2), (10.4, -2))),
@@ -90,7 +90,8 @@ EXERCISES: dict[str, AbstractExercise] = {
         ),
     ),
     "support": Numbers(
-        "One point is dragged. Another place, 120 mm away, shall not move at all. How large may the support radius be?",
+        "One point is dragged. Another place, 120 mm away, must stay exactly where it is. How large may the "
+        "support radius be?",
         "At the support radius the kernel is 0, and beyond it too: 120 mm is the largest, and any smaller one will do.",
         120,
         0.0,
@@ -112,7 +113,7 @@ EXERCISES: dict[str, AbstractExercise] = {
     ),
     "local": StudioTask(
         f"Lift the back of the carp by {LIFT:g} mm or more, so that its head moves by {STILL:g} mm at most.",
-        "The back is lifted, and the head has not noticed.",
+        "The back is lifted, and the head stays where it was.",
         _lift_fault,
     ),
 }

@@ -138,12 +138,12 @@ _PAGES = {
     ),
     "affine": _Page(
         _ends,
-        "Nothing but head and tail holds this carp. Drag both: it turns and grows as a whole.",
+        "Only its points on head and tail hold this carp. Drag both: it turns and grows as a whole.",
         ("strength", "shows", "density", "reset"),
     ),
     "folding": _Page(
         _one,
-        "Drag the point to the right, farther and farther, until the page reports a fold. How far did you come?",
+        "Drag the point to the right, farther and farther, until the page reports a fold. How far did you get?",
         ("strength", "shows", "density", "reset"),
     ),
 }

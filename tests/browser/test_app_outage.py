@@ -106,7 +106,7 @@ def test_a_page_outlives_its_program_and_goes_on_with_the_next(
     bar = page.locator(".dnb-restore")
     page.wait_for_selector(".dnb-restore-gone", timeout=PATIENCE)
     assert "The last edit was autosaved at" in bar.inner_text()
-    assert "this page goes on by itself" in bar.inner_text()
+    assert "this page continues automatically" in bar.inner_text()
     assert page.evaluate(POINTS) == edited
     assert page.locator(".dnb-view canvas").first.is_visible()
     before = page.evaluate(CAMERA)

@@ -146,7 +146,7 @@ def test_a_perspective_has_no_bar_and_says_why(page: LivePage) -> None:
     view.set_camera(perspective=True)
     page.wait(FOLLOWED)
     assert texts(page, ".dnb-scale-text") == ["perspective"]
-    assert "no length holds" in page.page.evaluate(f"{BAR}.title")
+    assert "no scale for the whole picture" in page.page.evaluate(f"{BAR}.title")
     assert not page.page.locator(".dnb-scale-bar").is_visible()
     view.set_camera(perspective=False)
     page.wait(FOLLOWED)

@@ -106,7 +106,7 @@ def test_tips_tell_the_keys_and_the_keys_do_what_the_tips_tell(
     )
     assert tips["add"] == ["Add points: press on a feature and drag it, or click (Double-click, A)", "A"]
     assert tips["undo"] == ["Undo (Ctrl+Z)", "Control+Z"]
-    assert tips["mirror-axis"] == ["Lay the line of the mirror level or upright (Shift+M)", "Shift+M"]
+    assert tips["mirror-axis"] == ["Make the line of the mirror horizontal or vertical (Shift+M)", "Shift+M"]
     assert tips["zoom-in"][1] == "+"
     for command, key in (
         ("move", "s"),

@@ -55,7 +55,7 @@ class Pupil:
         while (text := words.inner_text()) == before:
             assert time.monotonic() < end, f"after {self.actions} actions it still says {text!r}"
             self.page.wait_for_timeout(50)
-        found = re.search(r"(-?\d+) % of the way", text)
+        found = re.search(r"(-?\d+) % of the change", text)
         self.scores.append(int(found[1]) if found else 0)
         return text
 

@@ -141,7 +141,7 @@ def test_the_menu_has_them_all(open_editor: Any, pairs: ControlPoints) -> None:
     items = space.page.page.locator(".dnb-ed-item > span:nth-of-type(1)")
     assert items.all_inner_texts() == [
         "Mirror",
-        "Mirror another way",
+        "Mirror in another direction",
         "Snap to a lattice",
         "Turn left by 15\u00b0",
         "Turn right by 15\u00b0",

@@ -221,7 +221,7 @@ def test_the_title_tells_what_is_known_of_the_fit(picture: Picture) -> None:
 
 @pytest.mark.parametrize(
     ("magnify", "said"),
-    [(1.0, "deformed"), (2.0, "dragged 2 times"), (0.0, "not dragged"), (-1.0, "opposite way (\u00d7 \u22121)")],
+    [(1.0, "deformed"), (2.0, "dragged 2 times"), (0.0, "not dragged"), (-1.0, "opposite direction (\u00d7 \u22121)")],
 )
 def test_the_caption_tells_the_exaggeration(picture: Picture, magnify: float, said: str) -> None:
     assert any(said in w for w in words(draw_grids(step_of(BENT), picture, magnify=magnify)))

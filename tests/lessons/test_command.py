@@ -88,7 +88,7 @@ def test_the_picture_of_a_lesson_is_written_as_a_page(
     assert "wrote pages/affine.html" in capsys.readouterr().out.replace(os.sep, "/")
     text = (tmp_path / "pages" / "affine.html").read_text("utf-8")
     assert "<title>Rigid, similar, affine</title>" in text
-    assert "Nothing but head and tail holds this carp." in text
+    assert "Only its points on head and tail hold this carp." in text
 
 
 def test_worksheet_and_answers_are_written(

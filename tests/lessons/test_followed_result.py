@@ -20,7 +20,7 @@ def test_the_score_rises_with_each_gesture_until_it_is_closed() -> None:
     assert not followed.result.right
     assert "<svg" not in followed.value
     session.editing.edit_points(goal.scaled(0.4))
-    assert "% of the way" in followed.value
+    assert "% of the change" in followed.value
     assert "<svg" in followed.value
     assert not followed.result.right
     session.editing.deformation = Deformation.from_picture_points(carp, "-x", goal)

@@ -330,6 +330,6 @@ def test_a_point_that_tears_matter_out_of_a_part_is_told() -> None:
     bone = RigidPart(HalfSpace((0.0, 0.0), (1.0, 0.0)), name="bone")  # all left of 0
     fit = fit_rigid(ControlPoints.from_arrays([[-3, 0], [8, 5]], [[6, 0], [9, 5]]), [bone], support=20.0)
     assert fit.notes[0] == (
-        'point 1 takes hold of the rigid part "bone", which does not follow: its tissue is seen twice'
+        'point 1 is dragged in the rigid part "bone", which does not follow: its tissue is seen twice'
     )
     assert not any("point 2" in note for note in fit.notes)

@@ -195,7 +195,7 @@ class Editor(EditedPoints):
         None, for which all of the picture counts.
     tissue : mask of tissue at any depth on the picture's plane, as documents hold a region: decides instead of ``air``
         where folds are in air. Default is {}.
-    outline : tissue that shall stay within the box of the result, ``{"tissue": mask as documents hold it, "sides": four
+    outline : tissue to be kept within the box of the result, ``{"tissue": mask as documents hold it, "sides": four
         names}``: after each edit the front end reports the sides at which it leaves. Default is {}, for no report.
     lone_support : reach of a single point without trend; default is a quarter of the picture's diagonal.
     cuts, parts : lists of :class:`~deformnb.rbf.cuts.Cut` and :class:`~deformnb.rbf.rigid.RigidPart` of dimension 2, or
@@ -279,7 +279,7 @@ class Editor(EditedPoints):
     ).tag(sync=True)
     beyond = traitlets.List(traitlets.Float(), help="how far tissue off the picture is drawn").tag(sync=True)
     outline = traitlets.Dict(
-        help="mask of the tissue that shall stay in the box, and names of its sides on the picture; {} for unknown"
+        help="mask of the tissue that should stay in the box, and names of its sides on the picture; {} for unknown"
     ).tag(sync=True)
     cut_off = traitlets.Dict(
         help="number of the check in Python, and the sides of the box at which it found tissue cut off"

@@ -702,7 +702,7 @@ class ProgressBar:
         self._stopped.set()
 
     def is_stopped(self) -> bool:
-        """Check whether the work shall stop."""
+        """Check whether the work should stop."""
         return self._stopped.is_set()
 
 

@@ -16,7 +16,7 @@ ViewPart = tuple[tuple[float, float, float], float]
 """Part of a view that is seen: the place in space in its middle, and the CSS pixels of a unit of length."""
 
 CameraCallback = Callable[[dict[str, Any], ViewPart | None], None]
-"""Called with the camera whose picture shall be edited, as the trait ``camera`` holds it, and the part seen by it."""
+"""Called with the camera whose picture should be edited, as the trait ``camera`` holds it, and the part seen by it."""
 
 
 class ShowsPlane(traitlets.HasTraits):

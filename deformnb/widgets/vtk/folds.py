@@ -165,7 +165,7 @@ class Folding:
 
     Attributes
     ----------
-    show : whether folds shall be seen; False at first.
+    show : whether folds should be seen; False at first.
     """
 
     def __init__(self, works: Callable[[], bool] | None = None) -> None:

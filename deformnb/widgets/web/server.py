@@ -249,7 +249,7 @@ class PageServer:
 
 
 def _outlives_its_terminal() -> bool:
-    """Check whether the server shall stay when the terminal is closed, as nohup requests."""
+    """Check whether the server should stay when the terminal is closed, as nohup requests."""
     return hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
 
 

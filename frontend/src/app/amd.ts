@@ -10,5 +10,5 @@ export const defined: { exports: Exports } = { exports: {} };
 const page: Window & { define?: (names: string[], factory: (given: typeof base) => Exports) => void } = window;
 page.define = (_names, factory) => {
   defined.exports = factory(base);
-  delete page.define; // other scripts shall not take the page for one of AMD modules
+  delete page.define; // other scripts must not take the page for one of AMD modules
 };

@@ -18,7 +18,7 @@ export interface StartFacts {
 
 export const NO_SESSION =
   'There is no session for this page. Start "deformnb app" and open the address that it prints: ' +
-  "its password is another one at each start.";
+  "its password changes at each start.";
 
 const SECRET = "deformnb-secret",
   FACTS = "deformnb-start"; // of the tab, from the page of the start to that of the application

@@ -10,7 +10,7 @@ import type { EditorParts } from "./parts.ts";
 /** What the warning uses of the editor. */
 export type WarningEditor = EditorParts<"model" | "frames" | "map" | "messages" | "picture" | "points" | "stage">;
 
-/** The tissue that shall stay in the box, the names of its four sides, and that box where it is not what is drawn. */
+/** The tissue that should stay in the box, the names of its four sides, and that box where it is not what is drawn. */
 type Outline = { tissue: MaskData; sides: string[]; box?: Vector4 };
 
 export class BoxWarning {

@@ -36,7 +36,7 @@ const NAMES: Record<string, [label: string, tip: string]> = {
   support: ["Larger support", "Points reach farther, so that the tissue around follows"],
   stages: ["In stages", "The same drag in several smaller steps, one after the other"],
   rigid: ["Move rigidly", "The tissue around moves as a rigid part; along a cut, one half of it"],
-  corners: ["Free the corners", "The points that hold the corners of the picture go"],
+  corners: ["Free the corners", "The points that hold the corners of the picture are removed"],
   points: ["More points", "Points around let the tissue follow, less and less far away"],
 };
 

@@ -181,7 +181,7 @@ export class GridNodes {
     node.columns = columns;
     const text = `Node ${n % columns},${Math.floor(n / columns)} of the grid`;
     setAttributes(node.root, { "aria-label": text });
-    setText(node.tip, `${text}: drag it where it shall be, or press Enter to hold it`);
+    setText(node.tip, `${text}: drag it to its place, or press Enter to hold it`);
   }
 
   /** The numbers of the nodes that are control points. */

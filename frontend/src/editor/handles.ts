@@ -1,4 +1,4 @@
-// The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it shall be.
+// The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it should be.
 // Their shapes differ as well as their colours: ring = source, disc = target, hollow square = switched off.
 
 import { difference } from "../maths/camera.ts";

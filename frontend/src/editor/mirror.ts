@@ -32,7 +32,7 @@ export class PointMirror {
   #set(change: { on: boolean; axis?: string; at?: number }) {
     setTrait(this.editor.model, "mirror", { ...this.state, ...change });
     const { on, axis } = this.state,
-      line = axis === "a" ? "upright" : "level";
+      line = axis === "a" ? "vertical" : "horizontal";
     if (on) this.editor.messages.hint(`What you do on one side of the ${line} line is done on the other too`, 4000);
   }
 

@@ -165,7 +165,7 @@ export class PointTools {
       target = isLoose ? place : this.snap.placeOf(place);
     const source = editor.map.sourcesOf(editor.map.fitAt([x, y]))(target);
     if (source === null) {
-      editor.messages.hint("This is a gap: there is nothing here to take hold of");
+      editor.messages.hint("This is a gap: there is nothing here to drag");
       return null;
     }
     const id = editor.points.nextId();

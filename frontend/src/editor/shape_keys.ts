@@ -40,7 +40,7 @@ export class ShapeKeys {
       editor.tools.parts.turnKey(arrow[0] || arrow[1], event.shiftKey);
     else if (arrow && isPart && !isOutline) editor.tools.parts.nudge(arrow, pixels, shape.handle ?? "move");
     else if (arrow) shapeTools.nudge(shape, arrow, pixels);
-    else if (isDelete && shape.middle !== null) editor.messages.hint("Here is no corner to delete yet");
+    else if (isDelete && shape.middle !== null) editor.messages.hint("There is no corner to delete here yet");
     else if (isDelete && shape.corner !== null) shapeTools.removeCorner(shape.corner);
     else if (command) editor.commands.run(command, null);
     return true;

@@ -70,7 +70,7 @@ export type PenEditor = EditorParts<
 
 /** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
 export class Pen {
-  readonly advice = "Backspace takes the last place back, Esc gives up";
+  readonly advice = "Backspace removes the last place, Esc cancels";
   /** Where and when a pointer has ended a line, in CSS pixels and milliseconds. */
   ended: { at: Vector2; time: number } | null = null;
   draft: PenDraft | null = null;
@@ -97,7 +97,7 @@ export class Pen {
     editor.stage.element.classList.add("dnb-ed-drawing");
     editor.messages.hint(PEN_HINTS[tool]!, 12000);
     editor.messages.announce(
-      `Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, Escape gives up`,
+      `Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, Escape cancels`,
     );
     editor.frames.invalidate();
   }
@@ -114,7 +114,7 @@ export class Pen {
 
   cancel() {
     const was = this.stop();
-    if (was) this.editor.messages.announce("drawing given up");
+    if (was) this.editor.messages.announce("drawing cancelled");
     return was;
   }
 
@@ -593,7 +593,7 @@ export class ShapeTools extends ShapeEdits {
         : [`${held.length} control points`, "them", "their"];
     const question =
       `${who[0]!.toUpperCase()}${who.slice(1)} in this rigid part require${one ? "s" : ""} another ` +
-      `movement than the part's. Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`;
+      `movement than the part's. Carry ${it} with the part (${whose} drag is removed), or switch ${it} off?`;
     const answer = (name: string, text: string) => ({
       name,
       text,

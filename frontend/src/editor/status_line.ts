@@ -10,7 +10,7 @@ import { REGION_FORMS } from "./shape_handles.ts";
 import { formatValue } from "./window_tool.ts";
 
 const FOLD_TIP =
-  "the smallest factor by which areas are stretched on the way back from this picture to " +
+  "the smallest factor by which the backward map stretches areas, from this picture to " +
   "the original. 1 keeps them; below 0 the picture folds over itself";
 
 const VALUE_TIP =

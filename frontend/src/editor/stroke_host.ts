@@ -80,7 +80,7 @@ export abstract class StrokeHost<V extends Vector> implements BrushHost<V> {
       return null;
     }
     if (!stroke.isPossible) {
-      messages.hint("There is nothing here to take hold of");
+      messages.hint("There is nothing here to drag");
       return null;
     }
     this.side = mirror.on ? mirrorSide(mirror, place, 0) : 0;

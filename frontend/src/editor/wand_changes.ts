@@ -15,7 +15,7 @@ export class WandChanges {
     bar: OptionBar,
     readonly apply: () => void,
   ) {
-    const tip = "What hangs together in the volume, not only in this picture";
+    const tip = "What is connected in the volume, not only in this picture";
     this.through = bar.checkbox("Through the depth", tip, apply);
     this.fill = bar.checkbox("Fill holes", "Holes inside the region belong to it", apply);
     this.fill.checked = true;

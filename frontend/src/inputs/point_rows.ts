@@ -78,7 +78,7 @@ export function pointColumns(dim: number): Column[] {
       kind: number,
       at: dim + k,
       width: "minmax(54px, 92px)",
-      tip: `Target, ${axis}: where it shall go, ${unit}`,
+      tip: `Target, ${axis}: where the feature should be, ${unit}`,
     })),
     { key: "drag", title: "Drag", kind: "fact", width: "minmax(56px, 80px)", tip: `How far it is dragged, ${unit}` },
     {

@@ -31,7 +31,7 @@ const GONE: Record<string, string> = {
 };
 const NOT_SAVED = "Until then the pictures can be turned and points moved, which is not saved.";
 const KEPT =
-  "Start it again with the same file, and this page goes on by itself. Points that are moved until then are sent to it.";
+  "Start it again with the same file, and this page continues automatically. Points that are moved until then are sent to it.";
 const INTERRUPTED = "The connection to the kernel is interrupted. Edits are sent when it is back.";
 
 /** A signal of Lumino. */

@@ -214,7 +214,7 @@ function partitionPoints(points: Point[], ready: ReadyPart[]) {
       const torn = ready.find((r) => r.distance(p.source[0], p.source[1]) < 0);
       if (torn) {
         notes.push(
-          `${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its tissue is seen twice`,
+          `${rbfLabel(p)} is dragged in ${partLabel(torn.part)}, which does not follow: its tissue is seen twice`,
         );
       }
     } else if (p.source.some((v, k) => v !== p.target[k])) {

@@ -196,7 +196,7 @@ export class FileOpener {
     return [
       `${volume.name}: ${words.join(", ")}`,
       ...notes,
-      ...(isRestored ? ["the points of last time are back; Reset puts them back"] : []),
+      ...(isRestored ? ["the points of the last session are restored; Reset puts them back"] : []),
     ].join(". ");
   }
 

@@ -83,7 +83,7 @@ const SPACE_GROUPS: ToolEntry[][] = [
 const SPACE_MORE: ToolEntry[][] = [
   [
     ["mirror", "Mirror", "Do the same on both sides of a plane", true],
-    ["mirror-axis", "Mirror another way", "Lay the plane of the mirror across the next axis", false],
+    ["mirror-axis", "Mirror in another direction", "Put the plane of the mirror across the next axis", false],
     ["snap", "Snap to a lattice", "Targets keep to the nodes of a lattice", true],
   ],
   [

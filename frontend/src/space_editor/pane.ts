@@ -101,7 +101,7 @@ export class SpacePane {
     const isLarge = this.editor.model.get("large_slice") === this.index;
     setAttributes(this.head.title, {
       "aria-pressed": String(isLarge),
-      title: isLarge ? "Show the three slices alike" : "Show this slice large",
+      title: isLarge ? "Show the three slices at one size" : "Show this slice large",
     });
     this.root.setAttribute("aria-label", `${name} picture`);
     this.stage.setAttribute(

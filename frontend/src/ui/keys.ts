@@ -21,7 +21,7 @@ const MANY_KEYS: KeyRow[] = [
 const CHOICE_KEYS: KeyRow[] = [
   ["Shift + click", "add to the selected"],
   ["Ctrl + A", "select all", { command: "select-all", keys: ["Control+a"] }],
-  ["Esc", "select none, give up", { keys: ["Escape"] }],
+  ["Esc", "select none, cancel", { keys: ["Escape"] }],
   ["B", "select several: band, taps", { command: "select", keys: ["b"] }],
   ["Tab", "to the points, to each line", { keys: ["Tab"] }],
   [
@@ -83,7 +83,7 @@ export const EDITOR_KEYS: KeyTable = [
     "Helpers",
     [
       ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],
-      ["Shift + M", "mirror the other way", { command: "mirror-axis", keys: ["Shift+m"] }],
+      ["Shift + M", "mirror in the other direction", { command: "mirror-axis", keys: ["Shift+m"] }],
       ["Shift + N", "snap to the grid; Alt does not", { command: "snap", keys: ["Shift+n"] }],
       ["T", "stop drags before tissue folds", { command: "stop", keys: ["t"] }],
     ],
@@ -186,7 +186,7 @@ export const SPACE_EDITOR_KEYS: KeyTable = [
       ["Wheel, Page up, down", "go through the slices", { keys: ["PageUp", "PageDown"] }],
       ["J, double-click a point", "bring the slices to it", { command: "go", keys: ["j"] }],
       ["Click, drag a line", "move the cross-hair"],
-      ["Click a title", "this slice large, or all alike"],
+      ["Click a title", "this slice large, or all of one size"],
       ["Right drag", "width and level of the window"],
       ["W", "automatic window", { command: "window", keys: ["w"] }],
     ],

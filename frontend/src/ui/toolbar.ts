@@ -93,7 +93,7 @@ const GROUPS: ToolEntry[][] = [
 const MORE: ToolEntry[][] = [
   [
     ["mirror", "Mirror", "Do the same on both sides of a line", true],
-    ["mirror-axis", "Mirror the other way", "Lay the line of the mirror level or upright", false],
+    ["mirror-axis", "Mirror in the other direction", "Make the line of the mirror horizontal or vertical", false],
     ["snap", "Snap to the grid", "Targets keep to the nodes of the grid", true],
     ["lock", "Lock the selected", "Lock the selected points, or free them", true, "selection"],
   ],

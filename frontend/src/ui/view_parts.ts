@@ -8,7 +8,7 @@ import { pageElement, setText } from "./dom.ts";
 
 const BAR = { least: 44, most: 120, share: 0.22 }; // CSS pixels, and of the picture's width at most
 const NO_SCALE =
-  "In perspective no length holds for the whole picture: near objects are larger. " + "Parallel views have a scale.";
+  "In perspective there is no scale for the whole picture: near objects are larger. " + "Parallel views have a scale.";
 
 /** The largest of 1, 2, 5 times a power of ten that is at most so long. */
 export function roundLength(most: number) {
@@ -154,7 +154,7 @@ export function altText(shows: Shows) {
   if (shows === "deformed") return "";
   if (shows === "wipe") return ", original left of a line and deformed right of it";
   if (shows === "fade") return ", original laid over deformed";
-  return shows === "flicker" ? ", original and deformed in turn" : `, ${CAPTIONS[shows].join(" and ")}`;
+  return shows === "flicker" ? ", original and deformed alternating" : `, ${CAPTIONS[shows].join(" and ")}`;
 }
 
 /** `whole`: the columns of a larger picture that this one is a part of. */

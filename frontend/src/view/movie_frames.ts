@@ -148,7 +148,7 @@ class MovieFrames {
       caster.fields.setSpace(field.space);
       if (caster.voxels.volume) caster.voxels.volume.box = camera.box;
       this.loop.drawNow();
-      if (caster.gpu.gl.isContextLost()) throw new Error("the graphics card has given up");
+      if (caster.gpu.gl.isContextLost()) throw new Error("the graphics card has failed");
       const png = await new Promise((resolve: (blob: Blob | null) => void) => {
         this.canvas.toBlob(resolve, "image/png");
       });

@@ -43,7 +43,7 @@ export class ServerVolumeView extends VolumeFrontEnd {
     this.size();
     this.takeShows();
     this.greeting = setTimeout(() => {
-      if (!this.drawn) this.wait("No picture has come yet. Is the kernel running?");
+      if (!this.drawn) this.wait("No picture has arrived yet. Is the kernel running?");
     }, LONG);
   }
 

@@ -68,7 +68,7 @@ export class LiveVoxels {
       if (!this.view.field) this.view.hello();
       this.loader?.again();
     };
-    elements.messages.set("voxels", isStuck ? "The volume does not come. Is the kernel running?" : "", {
+    elements.messages.set("voxels", isStuck ? "The volume does not arrive. Is the kernel running?" : "", {
       kind: "error",
       actions: [{ name: "again", text: "Try again", act: again }],
     });

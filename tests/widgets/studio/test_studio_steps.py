@@ -157,7 +157,7 @@ def test_a_part_is_turned_and_shifted_about_its_middle(studio: Studio) -> None:
     np.testing.assert_allclose(came_from[0, :2], [10, 6], atol=1e-6)
     found["Reach"].value = 6.0
     assert studio.session.editing.step.parts[0].reach == 6.0
-    found["Felt by"].value = "distance"
+    found["Influence by"].value = "distance"
     found["Part"].value = "fixed"
     assert studio.session.editing.step.parts[0].motion is None
     assert found["Turn"].layout.display == "none"

@@ -43,7 +43,7 @@ _EMPTY = (
     "No key frames yet. Press \u201cAdd key frame\u201d for the start; drag points, and press it again for the "
     "next moment."
 )
-# The front end reports the time at which it has stopped only after an edit has stopped it: that shall not hide the
+# The front end reports the time at which it has stopped only after an edit has stopped it: that must not hide the
 # edit again.
 _LATE = 1.0
 
@@ -83,7 +83,7 @@ class AnimationPanel(Panel):
             description="Time passes",
             style=WHOLE_DESCRIPTION,
             layout=basic.layout(width="280px"),
-            tooltip="How time passes from one key frame to the next",
+            tooltip="Speed of the movement from one key frame to the next",
         )
         self.playback = Playback(
             view, self.player, self.animation, session.editing.grid, self._run_guarded, lambda: session.results.grid
@@ -330,7 +330,7 @@ class MovieControls:
         self._thread.call(lambda: self._do(path, frozen, fps, by_page=by_page))
 
     def _takes_page(self) -> bool:
-        """Check whether the front end shall draw: where that was chosen, or where it has a GPU."""
+        """Check whether the front end should draw: where that was chosen, or where it has a GPU."""
         chosen = self.renderer.value
         if not hasattr(self._view, "page_scene") or chosen == "python":
             return False

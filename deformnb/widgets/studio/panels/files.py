@@ -3,7 +3,7 @@
 The box of the result is set here too: as the volume, with a margin, or as large as the deformed foreground needs.
 Foreground that is dragged out of the box is cut off everywhere: in the view, in the result, in every written file. So
 at the end of each edit the editor of a picture warns of that, with a button that makes the box larger. The studio's
-thread checks it exactly, for steps of every kind, and makes the box again if it shall be as large as needed.
+thread checks it exactly, for steps of every kind, and makes the box again if it should be as large as needed.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class FilesPanel(Panel):
             value=kinds[0][1],
             layout=basic.layout(flex="1 1 120px", min_width="80px"),
             placeholder="file name",
-            tooltip="The end of the name chooses the kind of file",
+            tooltip="The suffix of the name sets the format of the file",
         )
         self.kind.observe(lambda change: setattr(self.name, "value", change["new"]), "value")
         self.write = self._action_button(
@@ -406,7 +406,7 @@ _MARGIN = 0.1
 
 
 class OutputCheck(Panel):
-    """Check after each edit whether :attr:`Editing.output` cuts something off; where it shall not, it grows.
+    """Check after each edit whether :attr:`Editing.output` cuts something off; where it should not, it grows.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class LandmarkFiles:
             options=suffixes,
             value=suffixes[0],
             layout=basic.layout(width="auto"),
-            tooltip=f"{pairs} hold where the points were dragged too, the others hold places only",
+            tooltip=f"{pairs} store where the points were dragged too, the others store places only",
         )
         self.save = button("Save landmarks", "Download the points in the browser", lambda: guard(self._download))
         self.file_transfer = FileTransfer()

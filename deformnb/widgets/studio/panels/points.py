@@ -178,7 +178,7 @@ class PointsPanel(Panel):
         except DeformError:  # nothing is fitted yet
             return place
         if not np.isfinite(way).all():
-            raise DeformError("this is a gap: there is nothing to take hold of. Choose another place.")
+            raise DeformError("this is a gap: there is nothing to drag. Choose another place.")
         return place + way
 
     def _paste(self, text: str) -> None:

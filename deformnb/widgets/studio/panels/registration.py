@@ -73,7 +73,7 @@ def blend_pictures(now: NDArray[np.float64], fixed: NDArray[np.float64], share: 
 
 
 _MEASURES = {
-    "ncc": "Correlation (brightness does not count)",
+    "ncc": "Correlation (brightness is ignored)",
     "ssd": "Squared difference (one grey scale)",
     "mi": "Mutual information (any grey scale)",
 }
@@ -207,7 +207,7 @@ class FitPanel(Panel):
             style=WHOLE_DESCRIPTION,
             readout_format=".1g",
             layout=basic.layout(flex="1 1 240px", max_width="420px"),
-            tooltip="How much bending counts against similarity, when all points are fitted",
+            tooltip="Weight of bending relative to similarity, when all points are fitted",
         )
         self.count = basic.BoundedIntText(
             min=3,
@@ -327,7 +327,7 @@ class FitPanel(Panel):
     def _apply_result(self, begun: Begun, what: str, work: Work) -> str:
         points, words = work(begun)
         if begun.is_overtaken(self.session):
-            return f"{what} was overtaken: something was edited meanwhile, and that stays. Press the button again."
+            return f"{what} was discarded: something was edited meanwhile, and that stays. Press the button again."
         if points != begun.points and not self.guard(lambda: self.session.editing.edit_points(points, what.lower())):
             return "The result could not be taken; nothing was changed."
         return words
@@ -357,7 +357,7 @@ class FitPanel(Panel):
 
     def _snap(self, begun: Begun) -> tuple[ControlPoints, str]:
         if not begun.selected:
-            raise DeformError("no point is selected; click on those that shall snap, with Shift for several.")
+            raise DeformError("no point is selected; click on those that should snap, with Shift for several.")
         moving, fixed = self.target.pair()
         found = snap_to_match(
             begun.points, begun.selected, moving, fixed, map_now=begun.map_now, progress=self._advance

@@ -141,7 +141,7 @@ class PartControls(Panel):
         )
         weight = self.add(
             menu(
-                "Felt by",
+                "Influence by",
                 [(text, name) for name, text in _WEIGHTS.items()],
                 "How the deformation fades towards the part",
             ),
@@ -169,7 +169,7 @@ class PartControls(Panel):
                 0.0,
                 reach,
                 reach / 200,
-                "Distance at which the part is no longer felt; 0 leaves that to the nearest control point",
+                "Distance beyond which the part has no effect; 0 takes that of the nearest control point",
                 ".1f",
             ),
             lambda: min((self.part and self.part.reach) or 0.0, reach),

@@ -114,7 +114,9 @@ class ThompsonPanel(Panel):
         overlay = menu("Overlay", _OVERLAYS, "Overlay on the deformed picture")
         traitlets.link((self.editor, "overlay"), (overlay, "value"))
         self.magnify = self.add(
-            slider("Magnify", -1.0, 3.0, 0.01, "0 the original, 1 as drawn, 2 exaggerated, -1 the opposite way"),
+            slider(
+                "Magnify", -1.0, 3.0, 0.01, "0 the original, 1 as drawn, 2 exaggerated, -1 in the opposite direction"
+            ),
             lambda: float(np.clip(self.session.editing.step.strength, -1.0, 3.0)),
             lambda value: self.session.editing.change(kind="strength", slides=True, strength=float(value)),
         )
@@ -422,16 +424,16 @@ def strength_text(strength: float) -> str:
     Examples
     --------
     >>> strength_text(1.0), strength_text(-1.0)
-    ('as drawn', 'the opposite way')
+    ('as drawn', 'in the opposite direction')
     """
     if abs(strength) < 0.005:
         return "the original"
     if abs(strength - 1) < 0.005:
         return "as drawn"
     if abs(strength + 1) < 0.005:
-        return "the opposite way"
+        return "in the opposite direction"
     if strength < 0:
-        return f"the opposite way, {-strength:.2f} times as far"
+        return f"in the opposite direction, {-strength:.2f} times as far"
     return "exaggerated" if strength > 1 else "partial"
 
 

@@ -180,7 +180,7 @@ def test_an_edit_meanwhile_wins(bench: Bench) -> None:
     edited.set()
     bench.wait()
     assert bench.session.editing.points == moved
-    assert "overtaken" in bench.message_text
+    assert "discarded" in bench.message_text
 
 
 def test_stop_leaves_everything_as_it_was(bench: Bench) -> None:

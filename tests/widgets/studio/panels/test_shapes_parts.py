@@ -175,5 +175,5 @@ def test_controls_without_a_part_edit_nothing() -> None:
             control.widget.value = control.widget.max
     found = {c.widget.description: c.widget for c in panel.controls}
     found["Part"].value = "moved"
-    found["Felt by"].value = "distance"
+    found["Influence by"].value = "distance"
     assert session.editing.history == {"undo": "", "redo": ""}

@@ -125,12 +125,17 @@ def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
 
 def test_magnify_is_the_strength_of_the_step_and_told_in_words(panel: ThompsonPanel) -> None:
     panel.session.editing.edit_points(panel.session.editing.points.add([12.0, 8.0], [14.0, 8.0]))
-    for value, said in ((0.0, "the original"), (2.0, "exaggerated"), (-1.0, "the opposite way"), (1.0, "as drawn")):
+    for value, said in (
+        (0.0, "the original"),
+        (2.0, "exaggerated"),
+        (-1.0, "in the opposite direction"),
+        (1.0, "as drawn"),
+    ):
         panel.magnify.value = value
         assert panel.session.editing.step.strength == value
         assert panel.words.value == said
     assert panel.session.editing.history["undo"] == "change strength"
-    assert strength_text(-2.5) == "the opposite way, 2.50 times as far"
+    assert strength_text(-2.5) == "in the opposite direction, 2.50 times as far"
     assert strength_text(0.4) == "partial"
 
 
