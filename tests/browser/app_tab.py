@@ -97,9 +97,11 @@ class Tab:
         scheme: str = "light",
         init: str = "",
         size: tuple[int, int] = (900, 560),
+        **options: Any,
     ) -> None:
         self.app = app  # the window is small, for a processor draws the volume here
-        self.context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
+        viewport = {"width": size[0], "height": size[1]}
+        self.context = browser.new_context(viewport=viewport, color_scheme=scheme, **options)
         self.page = self.context.new_page()
         self.errors: list[str] = []
         self.elsewhere: list[str] = []
