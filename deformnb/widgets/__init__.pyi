@@ -1,5 +1,6 @@
 from .editor.editor import Editor as Editor
 from .editor.space_editor import SpaceEditor as SpaceEditor
+from .embedded_page import EmbeddedPage as EmbeddedPage
 from .inputs.curve_editor import CurveEditor as CurveEditor
 from .inputs.depth_keys import DepthKeys as DepthKeys
 from .inputs.drawing_pair import DrawingPair as DrawingPair

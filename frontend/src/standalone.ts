@@ -5,7 +5,21 @@ import type { PageData } from "./pages/standalone_page.ts";
 import { decodeData, exportedWidgets, messageOf, StandalonePage, showAlert } from "./pages/standalone_page.ts";
 import { showInLanguage } from "./ui/words.ts";
 
+/** Wait until an element is scrolled into view, where the page is a frame of another one that may have several. */
+async function waitUntilVisible(element: Element) {
+  if (window.parent === window || typeof IntersectionObserver === "undefined") return;
+  await new Promise<void>((resolve) => {
+    const observer = new IntersectionObserver((entries) => {
+      if (!entries.some((entry) => entry.isIntersecting)) return;
+      observer.disconnect();
+      resolve();
+    });
+    observer.observe(element);
+  });
+}
+
 async function openStandalone() {
+  await waitUntilVisible(document.body);
   const data = await decodeData<PageData>(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
   showInLanguage(document.body, data.words, data.language);
   const page = new StandalonePage(data, exportedWidgets());

@@ -12,7 +12,8 @@ from __future__ import annotations
 import io
 import sys
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from os import PathLike
@@ -53,6 +54,9 @@ from deformnb.widgets.cell_widgets import (
     with_png,
 )
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.embedded_page import CONTROLS as EMBEDDED_CONTROLS
+from deformnb.widgets.embedded_page import LIMIT as EMBEDDED_LIMIT
+from deformnb.widgets.embedded_page import EmbeddedPage, embeds_for_later_readers
 from deformnb.widgets.image_encoding import PREVIEW_SIZE, as_png
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.parameters import PAGE_CONTROLS
@@ -613,20 +617,76 @@ class Studio(Boxes):
         """
         from deformnb.widgets.standalone import write_standalone
 
+        with self._page_widgets() as (editor, view), self.session.files.known.writing(path, overwrite=overwrite):
+            write_standalone(
+                path,
+                editor,
+                view,
+                title=title or self.volume.name,
+                about=about,
+                language=self._language,
+                limit=limit,
+                controls=PAGE_CONTROLS if controls is None else controls,
+                progress=progress,
+            )
+
+    def embed(
+        self,
+        path: str | PathLike[str] | None = None,
+        *,
+        title: str = "",
+        about: str = "",
+        limit: int = EMBEDDED_LIMIT,
+        controls: Iterable[str] = EMBEDDED_CONTROLS,
+        height: int | None = None,
+        overwrite: bool = False,
+    ) -> EmbeddedPage:
+        """The studio as it is now as a page that works without Python, in its place in a saved notebook.
+
+        As the last expression of a cell it is shown in a frame, which is saved with the notebook: the points can be
+        dragged by whoever opens that, or a page that nbconvert, Quarto, Jupyter Book or MyST-NB makes of it.
+        JupyterLab shows it in notebooks that are trusted. With the environment variable ``DEFORMNB_EMBED=1`` each
+        studio of a notebook that such a program runs is shown so.
+
+        Parameters
+        ----------
+        path : a file beside the notebook that gets the page, relative to it; default is that the notebook contains it.
+        title, about : of the page; a line under the title.
+        limit : voxels in the page at most: with a million it takes about 1 MB.
+        controls : names of :data:`~deformnb.widgets.parameters.PAGE_CONTROLS` that the page has.
+        height : of the frame, in CSS pixels.
+        overwrite : as of :meth:`export`.
+
+        Examples
+        --------
+        >>> from deformnb.datasets import PHANTOMS
+        >>> studio = Studio(PHANTOMS["bar"].make((8, 8, 16)))
+        >>> page = studio.embed(title="A bar")
+        >>> "srcdoc" in page.markup()
+        True
+        >>> studio.close()
+        """
+        from deformnb.widgets.standalone import standalone_html
+
+        name = title or self.volume.name or "Deformation"
+        with self._page_widgets() as (editor, view):
+            page = standalone_html(
+                editor, view, title=name, about=about, language=self._language, limit=limit, controls=controls
+            )
+        still = preview_png(self.editor, self.view)
+        options = {} if height is None else {"height": height}
+        embedded = EmbeddedPage(page, name, still, source="" if path is None else Path(path).as_posix(), **options)
+        if path is not None:
+            with self.session.files.known.writing(path, overwrite=overwrite):
+                embedded.write(path, overwrite=True)
+        return embedded
+
+    @contextmanager
+    def _page_widgets(self) -> Iterator[tuple[Editor, LiveView]]:
+        """Editor and view of a page without Python, for the time in which it is made."""
         editor, view = last_step(self.session, self.parts.editors.plane, self.view)
         try:
-            with self.session.files.known.writing(path, overwrite=overwrite):
-                write_standalone(
-                    path,
-                    editor,
-                    view,
-                    title=title or self.volume.name,
-                    about=about,
-                    language=self._language,
-                    limit=limit,
-                    controls=PAGE_CONTROLS if controls is None else controls,
-                    progress=progress,
-                )
+            yield editor, view
         finally:
             close_all(editor)
             close_all(view)
@@ -716,6 +776,8 @@ class Studio(Boxes):
         return marimo.hstack([marimo.as_html(shown).style(half) for shown in both], widths="equal", align="start")
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
+        if embeds_for_later_readers():
+            return self.embed()._repr_mimebundle_()
         bundle = with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))
         _schedule_warm_up(self)
         return bundle
