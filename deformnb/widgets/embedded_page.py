@@ -13,21 +13,21 @@ from typing import Any
 from deformnb.io.files.atomic import atomic_write
 from deformnb.widgets.cell_widgets import runs_for_later_readers
 
-LIMIT = 1_000_000
+EMBEDDED_LIMIT = 1_000_000
 """Voxels of a page that is embedded, by default: with its scripts it takes about 1 MB."""
 
-CONTROLS = ("strength", "shows", "reset")
+EMBEDDED_CONTROLS = ("strength", "shows", "reset")
 """Controls of a page that is embedded, by default: it shares the width with text."""
 
-VARIABLE = "DEFORMNB_EMBED"
+EMBED_VARIABLE = "DEFORMNB_EMBED"
 """Environment variable that has each studio of a notebook that a program runs for later readers embed its page."""
 
 _HEIGHT = 700
 
 
 def embeds_for_later_readers() -> bool:
-    """Check whether the studio is to be saved as its page: a program runs the notebook, and :data:`VARIABLE` is set."""
-    return os.environ.get(VARIABLE, "0") not in ("", "0") and runs_for_later_readers()
+    """Check whether a studio is saved as its page: :data:`EMBED_VARIABLE` is set, and a program runs the notebook."""
+    return os.environ.get(EMBED_VARIABLE, "0") not in ("", "0") and runs_for_later_readers()
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import pytest
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.widgets import embedded_page
-from deformnb.widgets.embedded_page import LIMIT, VARIABLE, EmbeddedPage
+from deformnb.widgets.embedded_page import EMBED_VARIABLE, EMBEDDED_LIMIT, EmbeddedPage
 from deformnb.widgets.studio.studio import Studio
 
 MOST_BYTES = 1_200_000
@@ -56,8 +56,8 @@ def test_a_page_takes_about_a_megabyte(studio: Studio) -> None:
     small = len(studio.embed().page)
     assert small < MOST_BYTES
     studio.open_volume(PHANTOMS["fish"].make((128, 256, 128)))
-    assert studio.volume.grid.size > LIMIT
-    assert len(studio.embed().page) < MOST_BYTES + LIMIT / 2
+    assert studio.volume.grid.size > EMBEDDED_LIMIT
+    assert len(studio.embed().page) < MOST_BYTES + EMBEDDED_LIMIT / 2
     assert len(studio.embed(limit=10_000).page) < MOST_BYTES
 
 
@@ -68,9 +68,9 @@ def test_a_page_takes_about_a_megabyte(studio: Studio) -> None:
 def test_a_studio_is_saved_as_its_page_where_that_was_requested_and_nobody_is_at_the_notebook(
     studio: Studio, monkeypatch: pytest.MonkeyPatch, variable: str | None, is_run: bool, embedded: bool
 ) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.delenv(EMBED_VARIABLE, raising=False)
     if variable is not None:
-        monkeypatch.setenv(VARIABLE, variable)
+        monkeypatch.setenv(EMBED_VARIABLE, variable)
     monkeypatch.setattr(embedded_page, "runs_for_later_readers", lambda: is_run)
     bundle = studio._repr_mimebundle_()
     data = bundle[0] if isinstance(bundle, tuple) else bundle

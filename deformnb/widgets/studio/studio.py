@@ -54,9 +54,12 @@ from deformnb.widgets.cell_widgets import (
     with_png,
 )
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.embedded_page import CONTROLS as EMBEDDED_CONTROLS
-from deformnb.widgets.embedded_page import LIMIT as EMBEDDED_LIMIT
-from deformnb.widgets.embedded_page import EmbeddedPage, embeds_for_later_readers
+from deformnb.widgets.embedded_page import (
+    EMBEDDED_CONTROLS,
+    EMBEDDED_LIMIT,
+    EmbeddedPage,
+    embeds_for_later_readers,
+)
 from deformnb.widgets.image_encoding import PREVIEW_SIZE, as_png
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.parameters import PAGE_CONTROLS
@@ -160,6 +163,17 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     show_plane(live, whole)
     live.follow(shown, whole.results.field(), whole.editing.key, output=whole.results.grid)
     return shown, live
+
+
+@contextmanager
+def page_widgets(session: Session, editor: Editor, view: Any) -> Iterator[tuple[Editor, LiveView]]:
+    """Editor and view of :func:`last_step`, for the time in which the page is made."""
+    editor, view = last_step(session, editor, view)
+    try:
+        yield editor, view
+    finally:
+        close_all(editor)
+        close_all(view)
 
 
 def side_by_side(editor: Any, view: AbstractView, width: int) -> NDArray[np.uint8]:
@@ -359,6 +373,7 @@ class Studio(Boxes):
         edits = StudioEdits(session, words, weakly(sync, StudioSync.request_status))
         # Thread and autosave hold the messages, and so this button among them.
         undo = _weakly_in_session(self, Studio.undo, worker)
+        open_session = _weakly_in_session(self, Studio._open_session, worker)
         view = make_view(kind, session.volume, session.pictures.transfer_function, height)
         if view.has_trait("frame"):
             view.frame = session.pictures.frame
@@ -386,7 +401,7 @@ class Studio(Boxes):
                 link.preview,
                 _weakly_in_session(self, Studio.edit_view, worker),
                 _weakly_in_session(self, Studio.open_volume, worker),
-                _weakly_in_session(self, Studio._decide_labels, worker),
+                _weakly_in_session(self, partial(_decide_labels, open_session), worker),
                 None if before is None else before.panels.opening.box,
             )
         )
@@ -541,24 +556,6 @@ class Studio(Boxes):
             session.files.known.remember(deformation)
         self._open_session(session)
 
-    def _decide_labels(self, is_labels: bool) -> None:
-        """Continue with the voxels as labels, with all edits; or with them as amounts, as before."""
-        session = self.session
-        if is_labels:
-            self._open_session(
-                Session(
-                    session.volume.mark_labels(True),
-                    session.pictures.view_state.add_to(session.editing.deformation),
-                    view=session.editing.plane,
-                    source=source_of_labels(session.files.source),
-                )
-            )
-        self.session.editing.notice = (
-            "The voxels are labels: numbers are preserved."
-            if is_labels
-            else "The voxels are amounts: values between them are blended."
-        )
-
     def _open_session(self, session: Session) -> None:
         before = self.session
         self.parts.words.show(f"Opening {session.volume.name or 'the volume'} \u2026")
@@ -617,7 +614,10 @@ class Studio(Boxes):
         """
         from deformnb.widgets.standalone import write_standalone
 
-        with self._page_widgets() as (editor, view), self.session.files.known.writing(path, overwrite=overwrite):
+        with (
+            page_widgets(self.session, self.parts.editors.plane, self.view) as (editor, view),
+            self.session.files.known.writing(path, overwrite=overwrite),
+        ):
             write_standalone(
                 path,
                 editor,
@@ -669,7 +669,7 @@ class Studio(Boxes):
         from deformnb.widgets.standalone import standalone_html
 
         name = title or self.volume.name or "Deformation"
-        with self._page_widgets() as (editor, view):
+        with page_widgets(self.session, self.parts.editors.plane, self.view) as (editor, view):
             page = standalone_html(
                 editor, view, title=name, about=about, language=self._language, limit=limit, controls=controls
             )
@@ -680,16 +680,6 @@ class Studio(Boxes):
             with self.session.files.known.writing(path, overwrite=overwrite):
                 embedded.write(path, overwrite=True)
         return embedded
-
-    @contextmanager
-    def _page_widgets(self) -> Iterator[tuple[Editor, LiveView]]:
-        """Editor and view of a page without Python, for the time in which it is made."""
-        editor, view = last_step(self.session, self.parts.editors.plane, self.view)
-        try:
-            yield editor, view
-        finally:
-            close_all(editor)
-            close_all(view)
 
     def stats(self) -> dict[str, Any]:
         """Measurements: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
@@ -781,6 +771,25 @@ class Studio(Boxes):
         bundle = with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))
         _schedule_warm_up(self)
         return bundle
+
+
+def _decide_labels(open_session: Callable[[Session], None], studio: Studio, is_labels: bool) -> None:
+    """Continue with the voxels as labels, with all edits; or with them as amounts, as before."""
+    session = studio.session
+    if is_labels:
+        open_session(
+            Session(
+                session.volume.mark_labels(True),
+                session.pictures.view_state.add_to(session.editing.deformation),
+                view=session.editing.plane,
+                source=source_of_labels(session.files.source),
+            )
+        )
+    studio.session.editing.notice = (
+        "The voxels are labels: numbers are preserved."
+        if is_labels
+        else "The voxels are amounts: values between them are blended."
+    )
 
 
 def _schedule_warm_up(studio: Studio) -> None:
