@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
@@ -24,6 +25,7 @@ class _ShortInNotebooks:
     """
 
     is_full = False
+    translate: Callable[[str], str] = staticmethod(str)
     __traceback__: TracebackType | None
 
     def _render_traceback_(self) -> list[str]:
@@ -37,10 +39,11 @@ class _ShortInNotebooks:
             # The first frame is IPython's own, which runs the cell.
             lines: list[str] = formatter.structured_traceback(type(self), self, self.__traceback__, tb_offset=1)
             return lines
+        more = "(%tb Plain shows the whole traceback, deformnb.errors.show_tracebacks() from now on for every error.)"
         return [
-            f"{type(self).__name__}: {self}",
+            f"{type(self).__name__}: {_ShortInNotebooks.translate(str(self))}",
             *_calling_line(self),
-            "(%tb Plain shows the whole traceback, deformnb.errors.show_tracebacks() from now on for every error.)",
+            _ShortInNotebooks.translate(more),
         ]
 
 
@@ -61,6 +64,21 @@ def show_tracebacks(shown: bool = True) -> None:
         %tb Plain
     """
     _ShortInNotebooks.is_full = bool(shown)
+
+
+def translate_messages(translate: Callable[[str], str]) -> None:
+    """Show the messages of errors in notebooks as translated by a function; those it does not know, as they are.
+
+    Parameters
+    ----------
+    translate : of a text to itself in the language of the user.
+
+    Examples
+    --------
+    >>> from deformnb.words import translate
+    >>> translate_messages(translate)
+    """
+    _ShortInNotebooks.translate = staticmethod(translate)
 
 
 def _shell() -> object:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from traitlets.config import Config
 
+import deformnb as dn
 from deformnb import errors
 from deformnb.errors import Cancelled, DeformError, MissingPackageError, show_tracebacks
 
@@ -130,6 +131,19 @@ def test_without_ipython_all_that_can_be_asked_for_is_pythons_traceback() -> Non
         assert error._render_traceback_() == traceback.format_exception(error)
     finally:
         show_tracebacks(False)
+
+
+def test_a_notebook_shows_the_message_in_the_language_that_was_chosen() -> None:
+    error = DeformError("point 1 and point 2 are at one place and count as one")
+    dn.set_language("de")
+    try:
+        shown = error._render_traceback_()
+    finally:
+        dn.set_language(None)
+    assert shown[0] == "DeformError: Punkt 1 und Punkt 2 sind an einem Ort und zählen als einer"
+    assert "%tb Plain" in shown[-1]
+    assert "zeigt" in shown[-1]
+    assert str(error).startswith("point 1 and"), "programs see the same message in every language"
 
 
 def test_errors_are_what_they_were() -> None:

@@ -44,6 +44,7 @@ from deformnb.widgets.messages.schema import CHANNELS, bounds, fields, interface
 from deformnb.widgets.parameters import PARAMETERS, Number
 from deformnb.widgets.parameters import as_markdown as parameters_page
 from deformnb.widgets.vtk import folds as vtk_folds
+from deformnb.words.glossary import as_markdown as glossary_page
 
 CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "checks": (checks, ("LARGEST_COORDINATE",)),
@@ -266,6 +267,7 @@ def files() -> Mapping[Path, str]:
         SOURCES / "generated.ts": as_typescript(),
         root / "docs" / "messages.md": messages_page(),
         root / "docs" / "parameters.md": parameters_page(),
+        root / "docs" / "glossary.md": glossary_page(),
     }
 
 

@@ -12,7 +12,7 @@ import os
 from functools import cache
 from pathlib import Path
 
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, translate_messages
 from deformnb.words.translator import Translator
 
 VARIABLE = "DEFORMNB_LANGUAGE"
@@ -145,3 +145,6 @@ def translate(text: str, code: str | None = None) -> str:
 @cache
 def _translator(code: str) -> Translator:
     return Translator(word_table(code))
+
+
+translate_messages(translate)

@@ -6,6 +6,7 @@ An exercise never passes on an empty answer, on nothing, or on an answer of anot
 from __future__ import annotations
 
 import html
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,7 +16,22 @@ import numpy as np
 from deformnb.checks import real_array, short_value
 from deformnb.words import translate
 
+_IN_BRACKETS = re.compile(r"([\[(][^\])]*[\])])")
+_POINT = re.compile(r"(?<=\d)\.(?=\d)")
 _COLOURS = {True: "#1a7f37", False: "#9a6700"}  # contrast over 4.5 on white; the words state it too
+
+
+def localized(text: str) -> str:
+    """A text in the language that was chosen, with its decimal sign outside of brackets, which may hold code.
+
+    Examples
+    --------
+    >>> localized("2.5 is not [2.5]")
+    '2.5 is not [2.5]'
+    """
+    sign = translate("decimal sign: .")[-1]
+    parts = _IN_BRACKETS.split(translate(text))
+    return "".join(part if k % 2 else _POINT.sub(sign, part) for k, part in enumerate(parts))
 
 
 @dataclass(frozen=True)
@@ -44,7 +60,7 @@ class Result:
         return self.right
 
     def __repr__(self) -> str:
-        return f"{self._word} {translate(self.text)}"
+        return f"{self._word} {localized(self.text)}"
 
     @property
     def _word(self) -> str:
@@ -60,7 +76,7 @@ class Result:
         return (
             f'<div role="status" style="border-left: 4px solid {colour}; padding: 6px 12px; max-width: 46em; '
             f'line-height: 1.4"><b style="color: {colour}; background: #fff; padding: 0 4px">{self._word}</b> '
-            f"{html.escape(translate(self.text))}</div>"
+            f"{html.escape(localized(self.text))}</div>"
         )
 
 

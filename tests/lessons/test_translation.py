@@ -85,11 +85,11 @@ def test_goals_and_time_are_those_of_the_lesson(code: str, name: str) -> None:
 def test_answers_and_hints_are_german_and_words_of_both_languages_are_taken() -> None:
     affine = LESSONS["affine"]
     assert repr(affine.check("distances", "starr")) == (
-        "Richtig. Nur starre Abbildungen: Drehungen und Verschiebungen."
+        "Richtig. Nur starre Abbildungen: Drehungen und Parallelverschiebungen."
     )
     assert affine.check("distances", "rigid").right
     assert not affine.check("distances", ["starr", "Scherung"]).right
-    assert LESSONS["folding"].check("sign", "faltet").right
+    assert LESSONS["folding"].check("sign", "faltet sich").right
     assert "Noch nicht." in affine.check("turn", None)._repr_html_()
     answer = repr(affine.check("distances", 3))
     assert "Gib ein Wort in Anführungszeichen, von starr, ähnlich, affin, Scherung" in answer

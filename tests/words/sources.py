@@ -53,12 +53,12 @@ def reads_as_words(text: str) -> bool:
 # ---- Python ----------------------------------------------------------------------------------------------------------
 
 
-def python_texts(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and shape of each text of a module, without docstrings, annotations, errors and log messages."""
+def python_texts(path: Path, *, with_errors: bool = False) -> Iterator[tuple[int, str]]:
+    """Line and shape of each text of a module, without docstrings, annotations, log messages and, mostly, errors."""
     tree = ast.parse(path.read_text("utf-8"))
     left_out = set[int]()
     for node in ast.walk(tree):
-        for part in _left_out_of(node):
+        for part in () if with_errors and isinstance(node, ast.Raise) else _left_out_of(node):
             left_out.update(id(below) for below in ast.walk(part))
     for node in ast.walk(tree):
         if id(node) in left_out:

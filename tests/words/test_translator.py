@@ -90,7 +90,9 @@ ELSEWHERE = {
 def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, set[str]]:
     """Shapes of all texts, by the modules they are in."""
     found: dict[Path, set[str]] = {
-        path: {text for _, text in python_texts(path)} for package in PACKAGES for path in package.rglob("*.py")
+        path: {text for _, text in python_texts(path, with_errors=package == LESSONS)}  # which pupils see
+        for package in PACKAGES
+        for path in package.rglob("*.py")
     }
     for path, text in script_texts(SOURCES, tmp_path_factory.mktemp("lowered")):
         found.setdefault(path, set()).add(text)
