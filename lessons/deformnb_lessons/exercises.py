@@ -19,6 +19,7 @@ from deformnb.words import translate
 _IN_BRACKETS = re.compile(r"([\[(][^\])]*[\])])")
 _POINT = re.compile(r"(?<=\d)\.(?=\d)")
 _COLOURS = {True: "#1a7f37", False: "#9a6700"}  # contrast over 4.5 on white; the words state it too
+_OPEN_COLOUR = "#0969da"
 
 
 def localized(text: str) -> str:
@@ -43,11 +44,14 @@ class Result:
     right : whether it is.
     text : the reason, or a hint.
     drawing : an SVG to be shown below, or nothing.
+    is_open : whether nothing has been answered yet, so that there is nothing to judge.
 
     Examples
     --------
     >>> Result(False, "Look at the sign.")
     Not yet. Look at the sign.
+    >>> Result(False, "Give a number.", is_open=True)
+    Your turn. Give a number.
     >>> bool(Result(True, "5 is the number of columns."))
     True
     """
@@ -55,6 +59,7 @@ class Result:
     right: bool
     text: str
     drawing: str = field(default="", repr=False)
+    is_open: bool = False
 
     def __bool__(self) -> bool:
         return self.right
@@ -64,7 +69,7 @@ class Result:
 
     @property
     def _word(self) -> str:
-        return translate("Right." if self.right else "Not yet.")
+        return translate("Right." if self.right else "Your turn." if self.is_open else "Not yet.")
 
     def _repr_html_(self) -> str:
         """HTML for a notebook: the words, and the drawing below them."""
@@ -72,7 +77,7 @@ class Result:
 
     def words_html(self) -> str:
         """The words without the drawing."""
-        colour = _COLOURS[self.right]
+        colour = _OPEN_COLOUR if self.is_open else _COLOURS[self.right]
         return (
             f'<div role="status" style="border-left: 4px solid {colour}; padding: 6px 12px; max-width: 46em; '
             f'line-height: 1.4"><b style="color: {colour}; background: #fff; padding: 0 4px">{self._word}</b> '
@@ -100,6 +105,9 @@ class AbstractExercise(ABC):
     def _no(self, hint: str) -> Result:
         return Result(False, hint)
 
+    def _open(self, hint: str) -> Result:
+        return Result(False, hint, is_open=True)
+
     def _yes(self) -> Result:
         return Result(True, self.praise)
 
@@ -124,7 +132,7 @@ class Numbers(AbstractExercise):
     >>> sum_of_two.judge(6)
     Not yet. That is the product.
     >>> sum_of_two.judge(None)
-    Not yet. There is no answer yet: give a number.
+    Your turn. There is no answer yet: give a number.
     """
 
     answer: float | tuple[float, ...]
@@ -138,7 +146,7 @@ class Numbers(AbstractExercise):
         wanted = np.asarray(self.answer, dtype=np.float64)
         form = "a number" if wanted.ndim == 0 else f"{wanted.size} numbers in square brackets, with commas between"
         if answer is None or (isinstance(answer, str | list | tuple | dict | set) and not answer):
-            return self._no(f"There is no answer yet: give {form}.")
+            return self._open(f"There is no answer yet: give {form}.")
         if isinstance(answer, str):
             return self._no(f"Give {form}, without quotation marks.")
         numbers = real_array(answer)
@@ -190,7 +198,7 @@ class Choice(AbstractExercise):
         known = {**{translate(word).lower(): word for word in self.among}, **{word: word for word in self.among}}
         words = [known.get(word.strip().lower()) if isinstance(word, str) else None for word in given]
         if not words or [word.strip() if isinstance(word, str) else word for word in given] == [""]:
-            return self._no(f"There is no answer yet: give {form}.")
+            return self._open(f"There is no answer yet: give {form}.")
         if None in words:
             return self._no(f"Give {form}; {short_value(answer)} has something else.")
         wrong = next((word for word in self.among if word in words and word not in self.right), None)

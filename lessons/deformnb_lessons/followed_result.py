@@ -8,6 +8,7 @@ import ipywidgets as ipw
 
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
+from deformnb.widgets.cell_widgets import runs_for_later_readers
 from deformnb_lessons.exercises import AbstractExercise, Result
 from deformnb_lessons.studio_tasks import session_of
 
@@ -64,6 +65,15 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
             f'<div style="display: flex; gap: 12px; align-items: center; min-height: {_HEIGHT}px">'
             f"{self.result.words_html()}{drawing}</div>"
         )  # low, so that the picture below is seen too
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        bundle = super()._repr_mimebundle_(**options)
+        data = bundle[0] if isinstance(bundle, tuple) else bundle
+        if data is not None:  # where a page shows no widgets
+            data["text/html"] = self.value
+            if runs_for_later_readers():
+                data.pop("application/vnd.jupyter.widget-view+json", None)
+        return bundle
 
     def close(self) -> None:
         """Stop following the studio."""

@@ -88,7 +88,7 @@ def _word_box(word: str) -> ipw.Checkbox:
 def _read_numbers(exercise: Numbers, boxes: list[ipw.Text]) -> float | list[float] | Result:
     texts = [box.value.strip() for box in boxes]
     if not all(texts):
-        return Result(False, "There is no answer yet: write a number in each box.")
+        return Result(False, "There is no answer yet: write a number in each box.", is_open=True)
     numbers = []
     for text in texts:
         try:
@@ -106,4 +106,4 @@ def _number(text: str) -> float:
 
 def _read_words(exercise: Choice, boxes: list[ipw.Checkbox]) -> list[str] | Result:
     chosen = [word for word, box in zip(exercise.among, boxes, strict=True) if box.value]
-    return chosen or Result(False, "There is no answer yet: choose one or more.")
+    return chosen or Result(False, "There is no answer yet: choose one or more.", is_open=True)

@@ -27,6 +27,12 @@ def session_of(answer: object) -> Session | None:
     return found if isinstance(found, Session) else None
 
 
+def _not_yet(session: Session, hint: str) -> Result:
+    """The result of a studio that is not as it should be: nothing is judged where nobody has edited."""
+    is_untouched = hint in (NOTHING_DRAGGED, _DRAG_NODES) or len(session.editing.history_tree()) == 1
+    return Result(False, hint, is_open=is_untouched)
+
+
 @dataclass(frozen=True)
 class StudioTask(AbstractExercise):
     """A task in the studio.
@@ -41,7 +47,7 @@ class StudioTask(AbstractExercise):
     --------
     >>> task = StudioTask("Drag a point.", "Dragged.", lambda animal: "Drag one.")
     >>> task.judge(None)
-    Not yet. Give the studio itself, as in lesson.check("name", studio): its cell has to be run first.
+    Your turn. Give the studio itself, as in lesson.check("name", studio): its cell has to be run first.
     """
 
     fault: Callable[[MovedAnimal], str]
@@ -49,15 +55,15 @@ class StudioTask(AbstractExercise):
     def judge(self, answer: object) -> Result:
         session = session_of(answer)
         if session is None:
-            return self._no(_GIVE)
+            return self._open(_GIVE) if answer is None else self._no(_GIVE)
         try:
             missing = steps_fault(session)
             if not missing:
                 animal = MovedAnimal.of(session)
                 missing = animal.fault() or self.fault(animal)
         except DeformError as error:
-            return self._no(str(error))
-        return self._no(missing) if missing else self._yes()
+            missing = str(error)
+        return _not_yet(session, missing) if missing else self._yes()
 
 
 _DRAG_NODES = "Nothing has been dragged yet. Drag the points to where their nodes belong, and check again."
@@ -94,18 +100,18 @@ class FishTask(AbstractExercise):
     def judge(self, answer: object) -> Result:
         session = session_of(answer)
         if session is None:
-            return self._no(_GIVE)
+            return self._open(_GIVE) if answer is None else self._no(_GIVE)
         grids = self.grids(session.volume)
         try:
             missing = steps_fault(session)
             if missing:
-                return self._no(_DRAG_NODES if missing == NOTHING_DRAGGED else missing)
+                return _not_yet(session, _DRAG_NODES if missing == NOTHING_DRAGGED else missing)
             animal = MovedAnimal.of(session)
             score = thompson_score(animal.field, grids)
         except DeformError as error:
             return self._no(str(error))
         if abs(score.percent) < _NEAR and np.abs(score.before - score.distances).max() < _NEAR:
-            return self._no(_DRAG_NODES)
+            return _not_yet(session, _DRAG_NODES)
         drawing = grids_svg(score, grids)
         verdict = f"Your fish: {score}. {_advice(score)}"
         if score.percent >= self.percent:

@@ -15,7 +15,7 @@ import deformnb_lessons
 from deformnb.datasets import PHANTOMS, thompson_grid
 from deformnb.errors import DeformError
 from deformnb.session.session import Session
-from deformnb_lessons import LESSONS, Choice, FishTask, Lesson, Numbers, Result, StudioTask
+from deformnb_lessons import LESSONS, Choice, FishTask, Lesson, Numbers, Result, StudioTask, lesson_carp, lesson_start
 
 NOTEBOOKS = Path(deformnb_lessons.__file__).parent / "notebooks"
 ALL = [(lesson, name) for lesson in LESSONS for name in LESSONS[lesson].exercises]
@@ -243,3 +243,15 @@ def test_a_result_says_in_words_what_it_is_and_shows_no_foreign_markup() -> None
     assert "<script>" not in wrong._repr_html_()
     assert "Not yet." in wrong._repr_html_()
     assert "Right." in Result(True, "So it is.")._repr_html_()
+    assert "Your turn." in Result(False, "Give a number.", is_open=True)._repr_html_()
+
+
+@pytest.mark.parametrize("name", LESSONS)
+def test_what_was_not_answered_is_not_judged(name: str) -> None:
+    lesson = LESSONS[name]
+    carp = lesson_carp()
+    for exercise, task in lesson.exercises.items():
+        begin = Session(carp, lesson_start(name, carp)) if isinstance(task, StudioTask | FishTask) else None
+        for answer in (None, begin):
+            result = lesson.check(exercise, answer)
+            assert (result.right, result.is_open) == (False, True), exercise

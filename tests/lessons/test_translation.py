@@ -90,7 +90,8 @@ def test_answers_and_hints_are_german_and_words_of_both_languages_are_taken() ->
     assert affine.check("distances", "rigid").right
     assert not affine.check("distances", ["starr", "Scherung"]).right
     assert LESSONS["folding"].check("sign", "faltet sich").right
-    assert "Noch nicht." in affine.check("turn", None)._repr_html_()
+    assert "Du bist dran." in affine.check("turn", None)._repr_html_()
+    assert "Noch nicht." in affine.check("turn", [0, 0])._repr_html_()
     answer = repr(affine.check("distances", 3))
     assert "Gib ein Wort in Anführungszeichen, von starr, ähnlich, affin, Scherung" in answer
     for lesson in LESSONS.values():
