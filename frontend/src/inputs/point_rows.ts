@@ -4,6 +4,7 @@ import type { PointsCommand } from "../generated.ts";
 import { numberOf } from "../maths/point_names.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { Model, Point } from "../types.ts";
+import { targetSize } from "../ui/dom.ts";
 
 /** The names of the axes of a picture or of a volume. */
 export function axisNames(dim: number) {
@@ -50,7 +51,7 @@ export function pointColumns(dim: number): Column[] {
       key: "active",
       title: "On",
       kind: "check",
-      width: "42px",
+      width: `${targetSize(42)}px`,
       tip: "A point that is off stays in its place and is not fitted",
     },
     {
@@ -107,7 +108,7 @@ export function pointColumns(dim: number): Column[] {
         `How far all other points would miss this one (leave-one-out error), ${unit}. ! marks a point that ` +
         "disagrees with its neighbours",
     },
-    { key: "go", title: "", kind: "go", width: "34px", tip: "Show the point in the picture" },
+    { key: "go", title: "", kind: "go", width: `${targetSize(34)}px`, tip: "Show the point in the picture" },
   ];
 }
 

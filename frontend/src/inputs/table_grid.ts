@@ -1,11 +1,20 @@
 // The elements of the table of control points: headings, the rows in sight, and the marked cell.
 
 import { nameOf } from "../maths/point_names.ts";
-import { buttonElement, iconElement, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.ts";
+import {
+  buttonElement,
+  iconElement,
+  OWN_KEYS,
+  pageElement,
+  setAttributes,
+  setText,
+  targetSize,
+  treeOf,
+} from "../ui/dom.ts";
 import type { Column, PointList, TableRow } from "./point_rows.ts";
 import { cellValue, editText, fittingColumns, formatNumber, leastWidth, pointColumns } from "./point_rows.ts";
 
-const ROW_HEIGHT = 26;
+const ROW_HEIGHT = targetSize(26);
 const SPARE_ROWS = 4; // drawn above and below those in sight
 const GO_ICON = "M8 1.5v3M8 11.5v3M1.5 8h3M11.5 8h3M8 5.2a2.8 2.8 0 1 0 0 5.6 2.8 2.8 0 0 0 0-5.6";
 
