@@ -154,6 +154,10 @@ def _extended_target(array: NDArray[Any]) -> np.dtype[Any]:
 NOTHING_TO_SEE = "there is nothing to see in this volume; check how it was made or read, or open another"
 """The last words of the notes on volumes without any contrast."""
 
+ONE_VALUE = f"every voxel has the value {{n}}: {NOTHING_TO_SEE}"
+NO_VALUE = f"no voxel is a finite number: {NOTHING_TO_SEE}"
+"""These notes; braces hold the value."""
+
 
 def value_notes(array: NDArray[Any]) -> tuple[str, ...]:
     """Notes on voxels that are NaN or infinite, and on an array [z, y, x] that holds one value only."""
@@ -164,13 +168,13 @@ def empty_note(array: NDArray[Any]) -> tuple[str, ...]:
     """A note on an array [z, y, x] without contrast: of one value, or without a finite number."""
     first = array[0, 0, 0]
     if (array[0] == first).all() and all((slab == first).all() for slab in slabs(array)):
-        return (f"every voxel has the value {float(first):g}: {NOTHING_TO_SEE}",)
+        return (ONE_VALUE.format(n=f"{float(first):g}"),)
     if (
         array.dtype.kind == "f"
         and not np.isfinite(array[0]).any()
         and not any(np.isfinite(slab).any() for slab in slabs(array))
     ):
-        return (f"no voxel is a finite number: {NOTHING_TO_SEE}",)
+        return (NO_VALUE,)
     return ()
 
 

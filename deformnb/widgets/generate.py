@@ -48,7 +48,7 @@ from deformnb.words.glossary import as_markdown as glossary_page
 
 CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "checks": (checks, ("LARGEST_COORDINATE",)),
-    "volume/volume": (volume, ("ORTHONORMAL_TOLERANCE", "SPACING_LIMITS")),
+    "volume/volume": (volume, ("ORTHONORMAL_TOLERANCE", "SPACING_LIMITS", "ONE_VALUE", "NO_VALUE")),
     "volume/units": (units, ("UNIT_METRES", "UNIT_WORDS", "UNIT_LOWER_WORDS", "NO_UNITS")),
     "volume/transfer": (
         transfer,

@@ -6,6 +6,8 @@ export const LARGEST_COORDINATE = 1000000000000000.0;
 // deformnb/volume/volume.py
 export const ORTHONORMAL_TOLERANCE = 0.0002;
 export const SPACING_LIMITS = [1e-12, 1000000000000.0] as const;
+export const ONE_VALUE = "every voxel has the value {n}: there is nothing to see in this volume; check how it was made or read, or open another";
+export const NO_VALUE = "no voxel is a finite number: there is nothing to see in this volume; check how it was made or read, or open another";
 
 // deformnb/volume/units.py
 export const UNIT_METRES = {"Ym": 1e+24, "Zm": 1e+21, "Em": 1e+18, "Pm": 1000000000000000.0, "Tm": 1000000000000.0, "Gm": 1000000000.0, "Mm": 1000000.0, "km": 1000.0, "hm": 100.0, "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "\u00b5m": 1e-06, "nm": 1e-09, "pm": 1e-12, "fm": 1e-15, "am": 1e-18, "zm": 1e-21, "ym": 1e-24, "\u00c5": 1e-10, "in": 0.0254, "ft": 0.3048, "yd": 0.9144, "mi": 1609.344, "pc": 3.085677581491367e+16};

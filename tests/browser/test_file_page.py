@@ -175,3 +175,28 @@ def test_a_picture_is_deformed_by_a_finger_on_a_phone(open_page: Callable[..., F
     assert np.abs(np.asarray(saved.convert("RGB")).astype(int) - colours).mean() > 5
     page.page.select_option("select[name=shows]", "wipe")
     page.wait(f"{EDITOR}.model.get('shows') === 'wipe'")
+
+
+EMPTY = {
+    "zeros": (np.zeros((6, 7, 8), np.int16), "every voxel has the value 0"),
+    "tenths": (np.full((6, 7, 8), 0.1, np.float32), "every voxel has the value 0.1"),
+    "nan": (np.full((6, 7, 8), np.nan, np.float32), "no voxel is a finite number"),
+}
+
+
+@pytest.mark.parametrize("name", EMPTY)
+def test_a_volume_in_which_nothing_is_seen_says_so_and_what_to_do(
+    open_page: Callable[..., FilePage], tmp_path: Path, name: str
+) -> None:
+    values, why = EMPTY[name]
+    write_volume(Volume.from_array(values), tmp_path / f"{name}.nii.gz")
+    page = open_page()
+    page.open(tmp_path / f"{name}.nii.gz")
+    alert = page.page.get_by_role("alert").filter(visible=True)
+    (note,) = (note for note in read_volume(tmp_path / f"{name}.nii.gz").notes if "nothing to see" in note)
+    assert alert.inner_text() == note
+    assert note.startswith(why)
+    # Another file takes its place, and there is nothing to report.
+    write_volume(bar_with_a_ball(), tmp_path / "ball.nii.gz")
+    page.open(tmp_path / "ball.nii.gz")
+    assert alert.count() == 0

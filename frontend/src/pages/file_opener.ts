@@ -123,6 +123,7 @@ export class FileOpener {
       this.side = side;
       await this.#show(data, stored);
       this.#report(this.#facts(Boolean(stored)), 1);
+      if (opened.warning) showAlert(opened.warning);
     } catch (error) {
       this.#report(before, 1);
       if (work.signal.aborted) return;

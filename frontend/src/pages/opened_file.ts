@@ -11,7 +11,15 @@ import { coarseMask } from "../maths/tissue_extent.ts";
 import type { Plane, Values } from "../types.ts";
 import { coarserGrid, lengthsOf, pictureSides, planeAlong, unitOf, voxelRaster } from "../volume/grid.ts";
 import type { Measured } from "../volume/levels.ts";
-import { measureLevels, repairValues, specimen, subjectPixels, tableOf, windowOf } from "../volume/levels.ts";
+import {
+  emptyNote,
+  measureLevels,
+  repairValues,
+  specimen,
+  subjectPixels,
+  tableOf,
+  windowOf,
+} from "../volume/levels.ts";
 import {
   bytesOfVolume,
   cornerPoints,
@@ -30,6 +38,8 @@ export type Template = PageData & { known_spacings: KnownSpacing[] };
 /** A file that is open. */
 export interface Opened {
   volume: Volume;
+  /** Why nothing is seen of it; empty where something is */
+  warning: string;
   photograph: Photograph | null;
   about: Measured;
   /** Of the voxels, as Python makes it */
@@ -88,12 +98,14 @@ export async function openVolume(
   signal: AbortSignal,
 ): Promise<Opened> {
   const sha256 = photograph && !photograph.isExact ? null : await voxelChecksum(volume);
-  const bad = repairValues(volume.values);
-  if (bad) volume.notes.push(`${bad} voxels are not finite, shown as background`);
+  const warning = emptyNote(volume.values),
+    bad = repairValues(volume.values);
+  if (bad && !warning) volume.notes.push(`${bad} voxels are not finite, shown as background`);
   const about = measureLevels(volume);
   signal.throwIfAborted();
   return {
     volume,
+    warning,
     photograph,
     about,
     sha256,

@@ -13,7 +13,9 @@ import {
   HISTOGRAM_SLICES,
   NEAR_AIR,
   NEAR_TISSUE,
+  NO_VALUE,
   NOTHING_HU,
+  ONE_VALUE,
   OUTLIERS,
   RESAMPLED,
   STRETCH,
@@ -27,6 +29,14 @@ export type Levels = Vector4;
 export type Measured = { range: Vector2; whole: Vector2; levels: Levels; airEnd: number; hounsfield: boolean };
 /** Nodes: a value with red, green and blue, and a value with its opacity */
 export type Transfer = { colors: Vector4[]; opacities: Vector2[]; unit: number };
+
+/** A note on values without contrast, as deformnb/volume/volume.py writes it; empty for others. */
+export function emptyNote(values: Values) {
+  const first = values[0]!;
+  if (values.every((value: number) => value === first))
+    return ONE_VALUE.replace("{n}", `${Number(first.toPrecision(6))}`);
+  return values.some((value: number) => Number.isFinite(value)) ? "" : NO_VALUE;
+}
 
 /** Replace values that are not finite by the smallest finite one; returns how many there were. */
 export function repairValues(values: Values) {
