@@ -128,11 +128,11 @@ function viewAnswers(
     field,
     still,
     falls,
-    isDrawn,
+    warn,
   }: Pick<PageData, "chunks" | "field"> & {
     still: DataView<ArrayBuffer>;
     falls: () => void;
-    isDrawn: (stats: Values) => void;
+    warn: (sides: number[]) => void;
   },
 ): (message: Values) => void {
   const picture = (): Packet => [{ type: "still" }, [still]];
@@ -149,7 +149,7 @@ function viewAnswers(
   };
   return (message) =>
     queueMicrotask(() => {
-      if (message.type === "stats") isDrawn(message);
+      if (message.type === "stats" && message.sides) warn(message.sides);
       if (!Object.hasOwn(answers, message.type)) return;
       const [content, buffers] = answers[message.type]!(message);
       model()?.receive({ ...content, view: message.view }, buffers);
@@ -200,7 +200,7 @@ export class StandalonePage {
           ...data,
           still,
           falls: () => this.fall(),
-          isDrawn: ({ sides }) => this.warn(sides),
+          warn: (sides) => this.warn(sides),
         }),
       });
   }

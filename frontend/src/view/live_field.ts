@@ -96,7 +96,18 @@ export class LiveField {
       caster.fields.setSpace(shown.space);
       caster.voxels.volume.box = camera.box;
       this.view.mark();
+      if (!this.link.isMoving) this.#reportSides();
     });
+  }
+
+  /**
+   * Report to a page without Python the sides of the box beyond which there is tissue, as soon as an edit ends: where the
+   * map is not the same at every depth, the editor cannot tell.
+   */
+  #reportSides() {
+    const { caster, messages, model } = this.view,
+      looked = model.get("tissue_check");
+    if (looked && caster?.isReady) messages.send({ type: "stats", sides: caster.exceededSides(looked) });
   }
 
   /** Show new maps from the editor in this window: no byte is sent to Python. */

@@ -333,8 +333,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
       edits: link.count + spaceLink.count,
       edit_ms: link.ms,
     };
-    const looked = this.model.get("tissue_check"); // of a page without Python, which checks itself
-    this.messages.send({ type: "stats", ...this.stats, ...(looked && { sides: loop.caster.exceededSides(looked) }) });
+    this.messages.send({ type: "stats", ...this.stats });
   }
 
   touch(held = false) {
