@@ -94,7 +94,7 @@ def _calling_line(error: BaseException) -> list[str]:
         if frame.filename.startswith(_PACKAGE):
             break
         if frame.line:  # what dataclasses make has none
-            found = [f"  line {frame.lineno}: {frame.line}"]
+            found = [f"  {_ShortInNotebooks.translate(f'in line {frame.lineno}')}: {frame.line}"]
     return found
 
 

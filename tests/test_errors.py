@@ -53,7 +53,7 @@ def test_a_notebook_shows_the_message_and_the_line_of_the_cell(run: Run) -> None
     assert isinstance(raised, DeformError)
     first, line, hint = shown.strip().splitlines()
     assert first == f"DeformError: {raised}"
-    assert line == "  line 3: bad = dn.Grid((4, 4, 4), (1.0, -1.0, 1.0))"
+    assert line == "  in line 3: bad = dn.Grid((4, 4, 4), (1.0, -1.0, 1.0))"
     assert "%tb Plain" in hint
 
 
@@ -63,7 +63,7 @@ def test_the_whole_family_is_shown_so(run: Run, kind: type[Exception]) -> None:
     assert type(raised) is kind
     assert shown.splitlines()[:2] == [
         f"{kind.__name__}: stopped here.",
-        f"  line 2: raise {kind.__name__}('stopped here.')",
+        f"  in line 2: raise {kind.__name__}('stopped here.')",
     ]
     assert len(shown.strip().splitlines()) == 3
 

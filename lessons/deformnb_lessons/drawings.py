@@ -24,6 +24,7 @@ from deformnb_lessons.drawing_parts import (
     draw_squares,
     new_figure,
 )
+from deformnb_lessons.exercises import localized
 from deformnb_lessons.explorers import GrownFigure, RuleExplorer
 from deformnb_lessons.fish import EXERCISES, GOAL_NODES
 from deformnb_lessons.moved_animal import SIDE, lesson_carp
@@ -95,7 +96,7 @@ def draw_simple() -> Drawing:
     words = ("nothing", "a shear with stretching", "and a taper")
     for k, (word, color) in enumerate(zip(words, ("#bbbbbb", "#0072b2", "#009e73"), strict=True)):
         bars = axes.barh(np.arange(len(names)) + 0.26 * (k - 1), left[:, k], 0.24, color=color, label=translate(word))
-        axes.bar_label(bars, fmt="%.1f", padding=3, fontsize=8)
+        axes.bar_label(bars, [localized(f"{value:.1f}") for value in left[:, k]], padding=3, fontsize=8)
     axes.axvline(2, color=NODES, linestyle="--", linewidth=1.2, label=translate("error of reading"))
     axes.set_yticks(range(len(names)), names, style="italic")
     axes.set_xlabel(translate("mean distance of the nodes from Thompson's, in pixels"))

@@ -22,6 +22,8 @@ ANSWERS = {
 }
 IN_STUDIO = "document.activeElement.closest('.dnb-studio') !== null"
 ON_STAGE = "document.activeElement.matches('.dnb-ed-stage')"
+ON_SHAPE = "document.activeElement.matches('.dnb-tab') && document.activeElement.textContent.includes('Form')"
+IS_FOLDED = "document.activeElement.closest('.dnb-studio').querySelector('.dnb-panel-folded') !== null"
 ON_TREND = "document.activeElement.matches('select') && document.activeElement.labels?.[0]?.textContent === 'Trend'"
 ON_CHECK = "document.querySelector('.jp-Cell.jp-mod-active').textContent.includes('\"turned\", studio')"
 LAST = "[...document.querySelectorAll('.dnb-editor')].at(-1).deformnb.parts"
@@ -77,6 +79,10 @@ def test_a_lesson_is_done_by_the_keyboard_alone(browser: Any, lab: Lab) -> None:
     keys.press("Control+ArrowRight")
     _move(page, 1, 1, 165, "ArrowDown")
     _move(page, 1, 0, 450, "ArrowLeft")
+    _press_until(page, "Tab", ON_SHAPE)
+    if page.evaluate(IS_FOLDED):  # in a narrow notebook the panel is folded until one of its groups is chosen
+        keys.press("Enter")
+        page.wait_for_function(f"!({IS_FOLDED})")
     _press_until(page, "Tab", ON_TREND)
     keys.type("Starr")
     count = page.evaluate("jupyterapp.shell.currentWidget.content.widgets.length")

@@ -91,9 +91,9 @@ function strainKey(parent: HTMLElement, gain: number, cell: number) {
       },
       icon,
     );
-    pageElement("span", "", row).textContent = `${grows ? "stretched" : "pressed"} by ${percent} %`;
+    pageElement("span", "", row).textContent = grows ? `stretched by ${percent} %` : `pressed by ${percent} %`;
   }
-  const size = gain === 1 ? "in their own size" : `${gain > 1 ? "exaggerated" : "drawn"} \u00d7 ${gain}`;
+  const size = gain === 1 ? "in their own size" : gain > 1 ? `exaggerated \u00d7 ${gain}` : `drawn \u00d7 ${gain}`;
   pageElement("div", "", parent).textContent = size;
   setAttributes(parent, {
     "aria-label": `Crosses along the principal strains, ${size}: solid arms are stretched, dashed arms pressed`,
