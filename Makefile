@@ -23,7 +23,7 @@ native:  ## compile the loops over voxels and centres, where they have changed (
 bundle:  ## bundle the JavaScript of the widgets, where it has changed (ARGS="--debug" for a debugger)
 	@sh run bundle $(ARGS)
 
-docs:  ## build the documentation into docs/_build/html (ARGS="-D nb_execution_mode=cache" runs the notebooks)
+docs:  ## build the documentation into docs/_build/html (ARGS="-D nb_execution_mode=off" runs no notebooks)
 	@sh run docs $(ARGS)
 
 mutants:  ## put small faults into a copy of the code and see whether the tests notice (ARGS="--random 30")

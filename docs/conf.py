@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
 import sys
 import tomllib
@@ -18,6 +19,7 @@ from docutils import nodes
 import deformnb as dn
 import deformnb_lessons
 from deformnb.datasets import DATASETS, PHANTOMS
+from deformnb.widgets.embedded_page import EMBED_VARIABLE
 from deformnb.words import LANGUAGES
 from deformnb_lessons import LESSONS, write_answers, write_lesson_page, write_worksheet
 
@@ -29,6 +31,7 @@ author = copyright = "The deformnb developers"  # noqa: A001 (Sphinx calls it so
 version = release = dn.__version__
 
 extensions = [
+    "docs.notebook_pages",
     "docs.pictures",
     "myst_nb",
     "numpydoc",
@@ -49,8 +52,13 @@ myst_substitutions = {  # where users ask, and until there is an address the pla
 }
 myst_heading_anchors = 3
 suppress_warnings = ["myst.header", "myst.xref_missing"]  # parts of the README are included, and it links to files
-nb_execution_mode = "off"  # -D nb_execution_mode=cache runs them, once: some six minutes
+nb_execution_mode = "cache"  # again only where the code of a notebook has changed: remove it when the package has
+nb_execution_raise_on_error = True
+nb_execution_in_temp = True  # each time in an empty folder
+os.environ[EMBED_VARIABLE] = "1"  # for the kernels: a studio is saved as its page
+os.environ["IPYTHONDIR"] = str(HERE / "_build" / ".ipython")  # without the start-up files of whoever builds
 nb_execution_timeout = 600
+nb_execution_cache_path = str(HERE / "_build" / ".jupyter_cache")  # of all builds, those of tests too
 nb_merge_streams = True
 nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # by default a script of a server; widgets are shown by their picture
 
@@ -112,6 +120,13 @@ def _make_live_pages() -> None:
         target, title="A carp", controls=["strength", "shows", "reset"], overwrite=True
     )
     dn.widgets.write_file_page(HERE / "_made" / "deformnb.html")
+
+
+def _make_profile() -> None:
+    """The profile of the kernels: without their warning that other users of the machine could listen."""
+    profile = Path(os.environ["IPYTHONDIR"]) / "profile_default"
+    profile.mkdir(parents=True, exist_ok=True)
+    (profile / "ipython_kernel_config.py").write_text("get_config().IPKernelApp.log_level = 40\n", encoding="utf-8")
 
 
 def _make_lesson_pages() -> None:
@@ -277,6 +292,7 @@ def setup(app: Any) -> None:
     app.connect("autodoc-process-docstring", _spread, priority=100)  # before numpydoc
     app.connect("missing-reference", _find)
     _make_live_pages()
+    _make_profile()
     _make_lesson_pages()
     _make_worksheets()
     _make_datasets()

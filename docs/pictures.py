@@ -20,6 +20,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import io
+import json
 import os
 import re
 import shutil
@@ -206,26 +207,57 @@ class PictureDirective(SphinxDirective):
 
 
 class CardsDirective(SphinxDirective):
-    """The directive ``cards``: a hidden table of contents of the pages that it names, and a card for each."""
+    """The directive ``cards``: a hidden table of contents, and a card for each page, with the text after its colon."""
 
     has_content = True
 
     def run(self) -> list[nodes.Node]:
         """Return what Markdown makes of a toctree and a grid of cards."""
-        pages = [line.strip() for line in self.content if line.strip()]
-        lines = ["```{toctree}", ":hidden:", "", *pages, "```", "", "::::{grid} 1 2 3 3", ":gutter: 3", ""]
-        for page in pages:
-            name = self.env.relfn2path(f"{page}.md")[0].removesuffix(".md")
-            self.env.note_dependency(f"{name}.md")
-            text = (Path(self.env.srcdir) / f"{name}.md").read_text(encoding="utf-8")
-            title = next(line[2:].strip() for line in text.splitlines() if line.startswith("# "))
-            alt = next(argument for kind, argument, _ in page_parts(text) if kind == "picture")
-            image = f"/{FOLDER}/{name}_card.webp"
-            lines += [":::{grid-item-card}", f":link: {page}", ":link-type: doc", f":img-top: {image}"]
-            lines += [f":img-alt: {alt}", ":class-card: page-card", "", title, ":::", ""]
+        rows = [line.partition(": ")[::2] for line in self.content if line.strip()]
+        lines = [
+            "```{toctree}",
+            ":hidden:",
+            "",
+            *(page for page, _ in rows),
+            "```",
+            "",
+            "::::{grid} 1 2 3 3",
+            ":gutter: 3",
+            "",
+        ]
+        for page, text in rows:
+            lines += [
+                ":::{grid-item-card}",
+                f":link: {page}",
+                ":link-type: doc",
+                *self._picture(page),
+                ":class-card: page-card",
+            ]
+            lines += ["", f"**{self._title(page)}**", "", text, ":::", ""]
         parsed = nodes.Element()
         self.state.nested_parse(StringList([*lines, "::::"], self.env.docname), self.content_offset, parsed)
         return parsed.children
+
+    def _name(self, page: str) -> str:
+        return self.env.relfn2path(f"{page}.md")[0].removesuffix(".md")
+
+    def _text(self, page: str) -> str:
+        """The Markdown of a page, or of the first cell of a notebook."""
+        path = Path(self.env.doc2path(self._name(page)))
+        self.env.note_dependency(str(path))
+        text = path.read_text(encoding="utf-8")
+        return "".join(json.loads(text)["cells"][0]["source"]) if path.suffix == ".ipynb" else text
+
+    def _title(self, page: str) -> str:
+        return next(line[2:].strip() for line in self._text(page).splitlines() if line.startswith("# "))
+
+    def _picture(self, page: str) -> list[str]:
+        """The options of a picture; of notebooks there is none where they are not executed."""
+        card = f"/{FOLDER}/{self._name(page)}_card.webp"
+        if not (Path(self.env.srcdir) / card[1:]).exists():
+            return []
+        texts = [argument for kind, argument, _ in page_parts(self._text(page)) if kind == "picture"]
+        return [f":img-top: {card}", f":img-alt: {[*texts, f'A picture of {self._title(page)}'][0]}"]
 
 
 def setup(app: Any) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import html
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -14,7 +15,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from docs.pictures import READERS_FILE, page_parts, run_page, write_picture
+from deformnb.widgets.embedded_page import EmbeddedPage
+from docs.notebook_pages import separate_studios
+from docs.pictures import READERS_FILE, page_parts, run_page, write_card, write_picture
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -88,6 +91,30 @@ def test_pictures_are_what_the_python_above_them_has_made(tmp_path: Path) -> Non
     assert written == ["p0.webp", "p1.webp", "p2.png"]
     with pytest.raises(ValueError, match="'A black picture' ends with no picture, but with None"):
         run_page(PICTURE.replace("\na\n", "\n"), tmp_path)
+
+
+def test_a_card_shows_the_whole_picture_on_its_own_ground(tmp_path: Path) -> None:
+    for size, seen in (((800, 200), (480, 120)), ((100, 100), (100, 100)), ((300, 900), (120, 360))):
+        picture = Image.new("RGB", size, "red")
+        picture.paste("blue", (2, 2, size[0] - 2, size[1] - 2))
+        picture.save(tmp_path / "picture.png")
+        write_card(tmp_path / "picture.png", tmp_path / "card.webp")
+        with Image.open(tmp_path / "card.webp") as card:
+            assert card.size == (480, 360)
+            red, _, blue = np.moveaxis(np.asarray(card, dtype=int), -1, 0)
+            assert red[0, 0] > 200 > 60 > blue[0, 0]
+            inside = np.argwhere(blue > red)
+            assert np.abs(np.ptp(inside, axis=0)[::-1] - np.array(seen)).max() <= 8
+
+
+def test_pages_of_studios_become_files_that_are_loaded_when_they_are_seen(tmp_path: Path) -> None:
+    frame = EmbeddedPage('<p title="a">1 &lt; 2</p>', "A carp")
+    body = f"<p>before</p>{frame.markup()}<p>between</p>{frame.markup()}"
+    found = separate_studios(body, tmp_path / "studios", "../_studios/")
+    (file,) = (tmp_path / "studios").iterdir()  # the same page once
+    assert file.read_text("utf-8") == frame.page
+    assert found == body.replace(frame.markup(), replace(frame, source=f"../_studios/{file.name}").markup())
+    assert separate_studios("<p>srcdoc</p>", tmp_path / "none", "") == "<p>srcdoc</p>"
 
 
 @pytest.mark.parametrize("page", [*sorted({*PAGES} - WITHOUT), DOCS / "pipelines.md"], ids=lambda page: page.stem)
@@ -202,6 +229,13 @@ def test_the_pages_are_built_and_fetch_nothing_from_elsewhere(tmp_path: Path) ->
     assert "<math" in pages["how_it_works.html"]
     assert {name for name, text in pages.items() if unnamed_arrows(text)} == set()
     assert dead_links(tmp_path / "html") == set()
+    notebooks = {name: text for name, text in pages.items() if name.startswith("notebooks/")}
+    assert [name for name, text in notebooks.items() if "srcdoc=" in text or "Not yet." in text] == []
+    studios = re.findall(r'<iframe class="dnb-embedded"[^>]* src="([^"]*)"', "".join(notebooks.values()))
+    assert len(studios) > 4
+    assert pages["gallery.html"].count("_card.webp") == len([name for name in notebooks if "lessons/" not in name])
+    lessons = [text for name, text in notebooks.items() if "lessons/" in name]
+    assert [text for text in lessons if "<img" not in text and "<svg" not in text] == []
     search = (tmp_path / "html" / "searchindex.js").read_text("utf-8")
     assert all(f'"{stem}":' in search for stem in ("citat", "video"))
     assert "\\begin" not in pages["how_it_works.html"]

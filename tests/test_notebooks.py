@@ -12,6 +12,8 @@ from typing import Any
 
 import pytest
 
+from docs.notebook_pages import TAG
+
 ROOT = Path(__file__).resolve().parents[1]
 LESSONS = sorted((ROOT / "lessons" / "deformnb_lessons" / "notebooks").glob("*.ipynb"))
 CODELESS = [path for path in LESSONS if path.stem.startswith("1")]  # they need no programming, so their code is hidden
@@ -156,8 +158,11 @@ def test_it_is_stored_without_results(path: Path) -> None:
     notebook = stored(path)
     assert set(notebook["metadata"]) == {"kernelspec", "language_info"}
     assert notebook["metadata"]["kernelspec"]["name"] == "python3"  # what every host has
+    cards = [cell for cell in notebook["cells"] if cell["metadata"] == {"tags": [TAG]}]
+    assert len(cards) == (path not in LESSONS), "the picture of one cell is the card of the gallery"
     for cell in notebook["cells"]:
-        assert cell["metadata"] == (HIDDEN if path in CODELESS and cell["cell_type"] == "code" else {})
+        hidden = HIDDEN if path in CODELESS and cell["cell_type"] == "code" else {}
+        assert cell in cards or cell["metadata"] == hidden
         if cell["cell_type"] == "code":
             assert cell["outputs"] == []
             assert cell["execution_count"] is None
