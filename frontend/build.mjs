@@ -85,6 +85,7 @@ const PAGES = {
   ],
   standalone: ["standalone.ts", "inputs/clip_sliders.css", "standalone.css"],
   file_page: ["file_page.ts", "inputs/clip_sliders.css", "standalone.css", "file_page.css"],
+  thompson: ["thompson.ts", "standalone.css", "thompson.css"],
 };
 
 const options = {

@@ -299,7 +299,7 @@ def _load_app(options: argparse.Namespace, start: StartServer) -> None:
 
 
 def _page(options: argparse.Namespace) -> None:
-    from deformnb.widgets.standalone import write_file_page
+    from deformnb.widgets.file_pages import write_file_page
 
     if Path(options.output).exists() and not options.force:
         raise DeformError(f"{options.output} is there already; name another file, or --force to overwrite it.")

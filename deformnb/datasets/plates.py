@@ -46,9 +46,8 @@ def thompson_plate(name: str | int) -> Picture:
     <Picture: drawing, 449 x 361 pixels (right, down) of 1 x 1, uint8 from 0 to 255>
     """
     grid = thompson_grid(name)
-    scan = _scan(grid.image)
-    left, right = _columns(grid.image, grid.figure, scan.shape[1])
-    drawing = scan[:, left:right]
+    left, right = plate_columns(grid.figure)
+    drawing = _scan(grid.image)[:, left:right]
     return Picture(drawing, _PLANE, Raster(drawing.shape, (1.0, 1.0), (float(left), 0.0)), "drawing", (0.0, 255.0))
 
 
@@ -63,8 +62,15 @@ def _scan(image: str) -> NDArray[Any]:
     return values
 
 
-def _columns(image: str, figure: int, width: int) -> tuple[int, int]:
-    """First and last column of a figure on its scan: the figures are divided halfway between their grids."""
+def plate_columns(figure: int) -> tuple[int, int]:
+    """Columns of a figure on its scan, the first and the one after the last: halfway between the grids of a scan.
+
+    Examples
+    --------
+    >>> plate_columns(377)
+    (0, 449)
+    """
+    image = thompson_grids()[figure].image
     first, second = sorted((g for g in thompson_grids().values() if g.image == image), key=lambda g: g.figure)
     middle = round(float(first.nodes[..., 0].max() + second.nodes[..., 0].min()) / 2)
-    return (0, middle) if figure == first.figure else (middle, width)
+    return (0, middle) if figure == first.figure else (middle, _scan(image).shape[1])

@@ -24,8 +24,8 @@ from deformnb.warping.points import warp_points
 
 # Pixels of the subject: brighter than this share of the range of the picture, in at least this share of a row or
 # column. A carp's fins in CT are at 15 % of the range, the noise of the air below 5 %, a stray label a few pixels.
-_SUBJECT_LEVEL = 0.08
-_SUBJECT_SHARE = 0.01
+SUBJECT_LEVEL = 0.08
+SUBJECT_SHARE = 0.01
 _NO_AXIS = 1.3  # ratio of the variances along the principal axes: of a square 1, of a body half as wide as long 4
 _ENDS = (0.002, 0.998)  # shares of the pixels of the subject along an axis: some beyond are stray
 
@@ -117,10 +117,10 @@ def subject_axes(picture: Picture, margin: float = 0.02) -> tuple[NDArray[np.flo
 def subject_box(picture: Picture, margin: float = 0.02) -> tuple[float, float, float, float]:
     """The box (a_min, a_max, b_min, b_max) around the foreground of a picture, grown by a share of its size."""
     values = _grey(picture)
-    bright = values > values.min() + _SUBJECT_LEVEL * np.ptp(values)
+    bright = values > values.min() + SUBJECT_LEVEL * np.ptp(values)
     edges = []
     for lines, axis in ((picture.raster.columns, 0), (picture.raster.rows, 1)):
-        found = lines[bright.mean(axis=axis) > _SUBJECT_SHARE]
+        found = lines[bright.mean(axis=axis) > SUBJECT_SHARE]
         if len(found) == 0:
             raise DeformError("there is nothing on the picture to lay a grid around: all pixels are equal.")
         grow = margin * (found[-1] - found[0])

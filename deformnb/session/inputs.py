@@ -126,7 +126,7 @@ def as_deformation(given: Any) -> Deformation | None:
 
 
 # Of the diagonal of a silhouette's picture: roughness of the outline that is finer is noise, not shape.
-_SMOOTH = 0.01
+SILHOUETTE_SMOOTHING = 0.01
 
 
 def best_view(volume: Volume) -> str:
@@ -171,7 +171,7 @@ def silhouette_length(silhouette: NDArray[np.bool_], spacing: tuple[float, float
     1.0
     """
     size = np.hypot(*(np.array(silhouette.shape) * spacing))
-    sigma = [max(_SMOOTH * size / step, 0.5) for step in spacing]
+    sigma = [max(SILHOUETTE_SMOOTHING * size / step, 0.5) for step in spacing]
     margins = [int(4 * one) + 2 for one in sigma]
     padded = np.pad(silhouette.astype(np.float64), [(margin, margin) for margin in margins])
     # By Fourier transforms of NumPy: importing SciPy's filters takes longer than a studio's first picture.

@@ -14,7 +14,7 @@ from typing import Any, get_args
 from deformnb import checks
 from deformnb.analysis import folds
 from deformnb.document.deformation import LOOPS, MODES
-from deformnb.imaging import occlusion, picking, projection
+from deformnb.imaging import demo, occlusion, picking, projection
 from deformnb.io.files import streams
 from deformnb.io.volumes import headers, nifti
 from deformnb.rbf import (
@@ -34,6 +34,7 @@ from deformnb.rbf import (
 from deformnb.rbf.cuts import CUT_RULES
 from deformnb.rbf.extrusion import EXTRUSIONS
 from deformnb.rbf.forward import DIRECTIONS
+from deformnb.session import inputs as session_inputs
 from deformnb.volume import transfer, units, volume
 from deformnb.warping import foreground
 from deformnb.widgets import camera, packed_volume, textures
@@ -96,11 +97,13 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "analysis/folds": (folds, ("NEARLY_FOLDED",)),
     "warping/foreground": (foreground, ("LEAVES", "PICTURE_SIDES", "CUT_OFF", "LARGER_BOX", "LARGER_BOX_TIP")),
     "imaging/occlusion": (occlusion, ("AMBIENT_CELL", "AMBIENT_NEAR", "AMBIENT_FAR", "AMBIENT_AHEAD", "AMBIENT_EVEN")),
+    "imaging/demo": (demo, ("SUBJECT_LEVEL", "SUBJECT_SHARE")),
     "imaging/picking": (picking, ("FAINT_VALUE",)),
     "imaging/projection": (projection, ("SATURATED", "METAL")),
     "io/files/streams": (streams, ("MOST_PACKED",)),
     "io/volumes/headers": (headers, ("HEADER_BYTES", "MOST_SKIPPED")),
     "io/volumes/nifti": (nifti, ("FIRST_VOXEL", "LABEL_INTENT", "MOST_EXTENSIONS")),
+    "session/inputs": (session_inputs, ("SILHOUETTE_SMOOTHING",)),
     "widgets/camera": (camera, ("VIEW_AIR", "SMALLEST_SHARE")),
     "widgets/packed_volume": (packed_volume, ("MOST_VOXELS_SENT", "PACKED_CHUNK_BYTES")),
     "widgets/textures": (textures, ("MAP_SIZE", "MOST_REGIONS", "CUT_MARGIN", "CUT_STEPS")),

@@ -9,12 +9,9 @@ allows each script by its digest: no text of a volume or a title can become one.
 from __future__ import annotations
 
 import base64
-import gzip
 import hashlib
-import html
 import json
 import os
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,17 +22,13 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Progress
 from deformnb.document.deformation import Deformation, Step, VolumeReference
-from deformnb.document.edits import initial_step
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
-from deformnb.imaging.projection import project
 from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.rbf.extrusion import Extrusion, extrude
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
-from deformnb.volume.known_spacings import known_spacings
-from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_voxels, side_names
 from deformnb.widgets.bundle import bundle
@@ -46,6 +39,16 @@ from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.kernel_table import table_for_client
 from deformnb.widgets.messages.views import FieldMaps, FollowData
 from deformnb.widgets.packed_volume import PackedVolume, packed_volume
+from deformnb.widgets.page_html import (
+    PROMISE,
+    as_base64,
+    compress,
+    escape,
+    inline_script,
+    pack,
+    page_html,
+    plain_traits,
+)
 from deformnb.widgets.parameters import PAGE_CONTROLS, as_json
 from deformnb.widgets.textures import MOST_MAPS, FieldTextures, cut_plane, field_textures
 from deformnb.widgets.view.base import with_map
@@ -64,18 +67,11 @@ MOST_BYTES = 9_000_000
 _LARGEST = 1024
 _SPACE_SIZE = 48  # samples of a displacement that is no extrusion: 64 as in a live view would be twice the file
 
-FILE_PAGE_ABOUT = "Open your volume or picture, drag points on it, compare before and after, and download the result."
-"""The line under the title of a page for files."""
-
 _STILL = (640, 480)
-_LEVEL = 9  # of gzip: packed once and read often
-
 _SIDES = "%"  # the place of the sides in the warning of the page
 
 # Displacements are rounded to this share of a voxel, which is invisible and packs far better.
 _EXACTNESS = 1 / 64
-
-_NOT_FOR_THE_PAGE = ("comm", "language", "layout", "module", "tabbable", "tooltip", "words")
 
 
 def standalone_html(
@@ -123,100 +119,33 @@ def standalone_html(
     >>> "<title>A &lt; B</title>" in page
     True
     """
-    report = progress or _silent
+    report = progress or silent
     wanted = _checked_controls(controls)
-    part = None if view is None else _view_part(editor, view, _checked_limit(limit), report)
+    part = None if view is None else view_part(editor, view, _checked_limit(limit), report)
     name = title or (part.volume.name if part else "") or "Deformation"
     code = chosen_language(language)
-    data = _page_data(editor, part, name, wanted, code)
+    data = page_data(editor, part, name, wanted, code)
     scripts = [
-        _inline_script(bundle("editor.js"), "editor"),
-        *([_inline_script(bundle("live_view.js"), "view")] if part else []),
+        inline_script(bundle("editor.js"), "editor"),
+        *([inline_script(bundle("live_view.js"), "view")] if part else []),
         bundle("standalone.js"),
     ]
     styles = [bundle("editor.css"), *([bundle("live_view.css")] if part else []), bundle("standalone.css")]
-    facts = translate(f"{part.about}. {_PROMISE}" if part else _PROMISE, code)
+    facts = translate(f"{part.about}. {PROMISE}" if part else PROMISE, code)
     texts = {"title": name, "about": about, "facts": facts}
     image = base64.b64encode(part.still if part else editor.preview_png()).decode("ascii")
-    still = f'<img class="dnb-page-still" alt="{_escape(name)}" src="data:image/png;base64,{image}">'
-    page = _page(texts, {"opening": "", "hidden": "", "still": still}, data, scripts, styles, code)
+    still = f'<img class="dnb-page-still" alt="{escape(name)}" src="data:image/png;base64,{image}">'
+    page = page_html(texts, {"opening": "", "hidden": "", "still": still}, data, scripts, styles, code)
     report(1.0)
     return page
 
 
-def file_page_html(language: str | None = None) -> str:
-    """A web page in which a volume or a picture of one's own is opened, deformed and compared, without Python.
-
-    The page reads NIfTI (.nii, .nii.gz), NRRD, PNG and JPEG by the rules of :mod:`deformnb.io`, shows a volume as an
-    exported page does, and saves pictures and the document that ``deformnb replay`` applies to the same file.
-
-    Parameters
-    ----------
-    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the chosen one.
-
-    Examples
-    --------
-    >>> "Open a file" in file_page_html()
-    True
-    """
-    code = chosen_language(language)
-    volume = Volume.from_array(np.arange(8, dtype=np.uint8).reshape(2, 2, 2))  # the file's volume comes in its place
-    step = initial_step(Plane.from_view(volume), volume.grid)
-    assert step.plane is not None
-    editor, view = Editor(project(volume, step.plane), step.maps[0]), LiveView(volume)
-    try:
-        data = _page_data(editor, _view_part(editor, view, None, _silent), "", tuple(PAGE_CONTROLS), code)
-    finally:
-        editor.close()
-        view.close()
-    names = ("strength", "kernel", "shows", "density", "view")
-    data |= {"parameters": as_json(names), "known_spacings": [vars(row) for row in known_spacings()]}
-    scripts = [
-        _inline_script(bundle("editor.js"), "editor"),
-        _inline_script(bundle("live_view.js"), "view"),
-        bundle("file_page.js"),
-    ]
-    texts = {"title": "deformnb", "about": translate(FILE_PAGE_ABOUT, code), "facts": translate(_PROMISE, code)}
-    opening = f'<div class="dnb-page-open" role="group" aria-label="{translate("File", code)}"></div>'
-    return _page(
-        texts,
-        {"opening": opening, "hidden": " hidden", "still": ""},
-        data,
-        scripts,
-        [bundle("editor.css"), bundle("live_view.css"), bundle("file_page.css")],
-        code,
-    )
-
-
-def write_file_page(path: str | os.PathLike[str], *, language: str | None = None, overwrite: bool = True) -> None:
-    """Write the page of :func:`file_page_html` to a file, atomically.
-
-    Parameters
-    ----------
-    path : the file to write; ends in .html.
-    language : as of :func:`file_page_html`.
-    overwrite : whether an existing file may be replaced.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> file = Path(tempfile.mkdtemp()) / "deformnb.html"
-    >>> write_file_page(file)
-    >>> file.stat().st_size > 100_000
-    True
-    """
-    _check_page(path, overwrite=overwrite)
-    text = file_page_html(language).encode("utf-8")
-    with atomic_write(path, overwrite=overwrite, needed=len(text)) as stream:
-        stream.write(text)
-
-
-def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iterable[str], code: str) -> dict[str, Any]:
+def page_data(editor: Editor, part: ViewPart | None, name: str, controls: Iterable[str], code: str) -> dict[str, Any]:
     """Data of a page for its scripts."""
     return {
         "language": code,
         "words": word_table(code),
-        "editor": {**_traits(editor), **_OF_PYTHON, "outline": _outline(editor, part)},
+        "editor": {**plain_traits(editor), **_OF_PYTHON, "outline": _outline(editor, part)},
         "view": part.traits if part else None,
         "chunks": part.chunks if part else [],
         "field": part.field if part else None,
@@ -235,7 +164,7 @@ def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iter
 _OF_PYTHON = {"uid": "standalone", "live": False, "seen": {}, "history": {}, "cut_off": {}, "enlarges": False}
 
 
-def _outline(editor: Editor, part: _ViewPart | None) -> dict[str, Any]:
+def _outline(editor: Editor, part: ViewPart | None) -> dict[str, Any]:
     """The tissue on the picture, for the page to report where it leaves the box; {} where the view finds that."""
     if part is not None:
         return part.outline
@@ -258,7 +187,7 @@ def _checked_limit(limit: int | None) -> int | None:
     return int(limit)
 
 
-def _silent(_share: float) -> None:
+def silent(_share: float) -> None:
     """Progress that is not shown."""
 
 
@@ -287,13 +216,13 @@ def write_standalone(
     >>> file.is_file()
     True
     """
-    _check_page(path, overwrite=overwrite)  # before the work
+    check_page_path(path, overwrite=overwrite)  # before the work
     text = standalone_html(editor, view, **options).encode("utf-8")
     with atomic_write(path, overwrite=overwrite, needed=len(text)) as stream:
         stream.write(text)
 
 
-def _check_page(path: str | os.PathLike[str], *, overwrite: bool) -> None:
+def check_page_path(path: str | os.PathLike[str], *, overwrite: bool) -> None:
     """Refuse a path without .html, or one that cannot be written."""
     if Path(path).suffix.lower() not in (".html", ".htm"):
         raise DeformError(f"{Path(path).name}: a page is written as HTML; name it {Path(path).stem}.html.")
@@ -304,7 +233,7 @@ def _check_page(path: str | os.PathLike[str], *, overwrite: bool) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _ViewPart:
+class ViewPart:
     """The part of a live view that goes into the page."""
 
     volume: Volume
@@ -325,7 +254,8 @@ class _ViewPart:
         return f"{now} voxels" + ("" if now == before else f", reduced from {before}")
 
 
-def _view_part(editor: Editor, view: LiveView, limit: int | None, report: Progress) -> _ViewPart:
+def view_part(editor: Editor, view: LiveView, limit: int | None, report: Progress) -> ViewPart:
+    """The part of a live view that goes into a page, with at most so many voxels."""
     snapshot = view.snapshot()
     volume, output = snapshot.volume, snapshot.scene.output
     field, index = _link(editor, view, snapshot)
@@ -335,7 +265,7 @@ def _view_part(editor: Editor, view: LiveView, limit: int | None, report: Progre
     maps = field_textures(field, shown, output, snapshot.map_size, min(snapshot.space_size, _SPACE_SIZE))
     box, plane = output or volume.grid, _replicated_plane(field)
     traits = {
-        **_traits(view),
+        **plain_traits(view),
         "volume_info": shown.info(),
         "editor": "IPY_MODEL_editor",
         "editor_map": index,
@@ -344,7 +274,7 @@ def _view_part(editor: Editor, view: LiveView, limit: int | None, report: Progre
     scene = replace(snapshot.scene, shown=shown, field=field)
     still = as_png(render_scene(scene, _STILL))
     report(0.9)
-    return _ViewPart(
+    return ViewPart(
         volume,
         shown,
         _step_of(editor, _extrusion(field)),
@@ -438,9 +368,9 @@ def _chunk(shown: PackedVolume, index: int) -> dict[str, Any]:
     voxels = np.ascontiguousarray(shown.volume.values[first : first + shown.slices])
     differences = voxels.copy()
     differences[1:] -= voxels[:-1]  # modulo 256
-    plain, lagged = (gzip.compress(v.tobytes(), _LEVEL, mtime=0) for v in (voxels, differences))
+    plain, lagged = (compress(v.tobytes()) for v in (voxels, differences))
     lag = ny * nx if len(lagged) < len(plain) else 0
-    return {"start": first * ny * nx, "lag": lag, "packed": _binary(lagged if lag else plain)}
+    return {"start": first * ny * nx, "lag": lag, "packed": as_base64(lagged if lag else plain)}
 
 
 def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, Any]:
@@ -467,7 +397,7 @@ def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, 
     message = FieldMaps(
         **{**maps.fields(), "planar": planar, "buffers": list(buffers)}, seq=0, follow=follow, moved=None
     )
-    return {"content": message.content(), "buffers": [_pack(b.tobytes()) for b in buffers.values()]}
+    return {"content": message.content(), "buffers": [pack(b.tobytes()) for b in buffers.values()]}
 
 
 def _round(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:
@@ -475,38 +405,7 @@ def _round(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:
     return (np.round(values / unit) * unit).astype("<f4")
 
 
-# -- the text of the page ----------------------------------------------------------------------------------------------
-
-
-def _traits(widget: Any) -> dict[str, Any]:
-    """The traits that the front end of a widget has."""
-    state = widget.get_state()
-    return {
-        name: _plain(value)
-        for name, value in state.items()
-        if not name.startswith("_") and name not in _NOT_FOR_THE_PAGE
-    }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, bytes | bytearray | memoryview):
-        data = bytes(value)
-        return _binary(data) if data.startswith(b"\x89PNG") else _pack(data)
-    if isinstance(value, dict):
-        return {name: _plain(inner) for name, inner in value.items()}
-    return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
-
-
-def _binary(data: bytes) -> dict[str, Any]:
-    return {"base64": base64.b64encode(data).decode("ascii")}
-
-
-def _pack(data: bytes) -> dict[str, Any]:
-    """Binary data, packed where that helps; standalone.js unpacks them."""
-    return {**_binary(gzip.compress(data, _LEVEL, mtime=0)), "gzip": True}
-
-
-def _document(editor: Editor, part: _ViewPart | None, name: str) -> dict[str, Any] | None:
+def _document(editor: Editor, part: ViewPart | None, name: str) -> dict[str, Any] | None:
     """The document that the page fills with its points; None where there is none that these points make alone."""
     step = part.step if part else editor.step() if editor.picture is not None else None
     if step is None:
@@ -514,95 +413,3 @@ def _document(editor: Editor, part: _ViewPart | None, name: str) -> dict[str, An
     volume = VolumeReference.of(part.volume) if part else None
     document: dict[str, Any] = json.loads(to_json(Deformation((step,), name, volume)))
     return document
-
-
-def _inline_script(module: str, name: str) -> str:
-    """A widget's module as an inline script: its exports are stored under a name, since nothing can import it."""
-    text, count = re.subn(
-        r"\bexport *\{ *([\w$]+) as default *\};?\s*$",
-        rf'(globalThis[Symbol.for("deformnb.standalone")] ??= {{}}).{name} = \1;',
-        module,
-    )
-    assert count == 1, "the bundle of a widget ends with its only export"
-    return text
-
-
-def _page(
-    texts: dict[str, str], parts: dict[str, str], data: dict[str, Any], scripts: list[str], styles: list[str], code: str
-) -> str:
-    scripts = [_escape_end(f"\n{script}\n") for script in scripts]
-    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
-    policy = (
-        "default-src 'none'",
-        f"script-src {digests}",
-        "style-src 'unsafe-inline'",
-        "img-src data: blob:",
-        "base-uri 'none'",
-        "form-action 'none'",
-    )
-    # A "<" in JSON occurs only in strings, where it may be written as a number: nothing in them can end the script.
-    text = json.dumps(data, sort_keys=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    body = "\n".join(f'<script type="module">{script}</script>' for script in scripts)
-    seen = {name: _escape(text) for name, text in texts.items()}
-    parts |= {
-        "language": code,
-        "controls": translate("Deformation", code),
-        "needs": translate("This page needs JavaScript.", code),
-    }
-    return _SKELETON.format(
-        policy="; ".join(policy),
-        **parts,
-        silent="" if texts["about"] else " hidden",
-        styles=_escape_end("\n".join(styles)),
-        data=text,
-        scripts=body,
-        **seen,
-    )
-
-
-def _escape(text: str) -> str:
-    """Text as it is seen; half a surrogate pair is a legal name in Python, but not in UTF-8."""
-    return html.escape(text.encode("utf-8", "replace").decode("utf-8"))
-
-
-def _escape_end(text: str) -> str:
-    r"""Text that cannot end the element it is in; ``\/`` and ``\!`` mean the same in strings and comments."""
-    return re.sub(r"<(?=/(script|style)|!--)", r"<\\", text, flags=re.IGNORECASE)
-
-
-_PROMISE = "This file works without a network: nothing is loaded, and nothing is sent."
-
-_SKELETON = """<!doctype html>
-<html lang="{language}">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<meta name="generator" content="deformnb">
-<title>{title}</title>
-<style>
-{styles}
-</style>
-</head>
-<body class="dnb-page">
-<header class="dnb-page-header">
-<h1 translate="no">{title}</h1>
-<p class="dnb-page-about" translate="no"{silent}>{about}</p>
-</header>
-{opening}
-<div class="dnb-page-alert" role="alert" hidden></div>
-<div class="dnb-page-controls" role="group" aria-label="{controls}"></div>
-<main class="dnb-page-main"{hidden}>
-<div class="dnb-page-picture"></div>
-<div class="dnb-page-volume">
-{still}
-</div>
-</main>
-<noscript><p class="dnb-page-alert">{needs}</p></noscript>
-<footer class="dnb-page-footer">{facts}</footer>
-<script type="application/json" id="dnb-data">{data}</script>
-{scripts}
-</body>
-</html>
-"""

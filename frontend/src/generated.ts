@@ -104,6 +104,10 @@ export const AMBIENT_FAR = [3, 4.0] as const;
 export const AMBIENT_AHEAD = 3.0;
 export const AMBIENT_EVEN = 0.04;
 
+// deformnb/imaging/demo.py
+export const SUBJECT_LEVEL = 0.08;
+export const SUBJECT_SHARE = 0.01;
+
 // deformnb/imaging/picking.py
 export const FAINT_VALUE = 0.02;
 
@@ -122,6 +126,9 @@ export const MOST_SKIPPED = 67108864;
 export const FIRST_VOXEL = 352;
 export const LABEL_INTENT = 1002;
 export const MOST_EXTENSIONS = 67108864;
+
+// deformnb/session/inputs.py
+export const SILHOUETTE_SMOOTHING = 0.01;
 
 // deformnb/widgets/camera.py
 export const VIEW_AIR = 1.02;

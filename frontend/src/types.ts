@@ -138,6 +138,8 @@ export interface SpaceMask extends Lattice {
 /** The raster of a picture, and what its pixels mean: see picture_png in editor.py. */
 export interface PictureRaster extends Raster {
   channels?: number;
+  /** What is beyond a picture in colour: a grey from 0, black, to 255; default is 0 */
+  beyond?: number;
   range?: Vector2;
   window?: Vector2;
   unit?: string;

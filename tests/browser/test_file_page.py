@@ -23,7 +23,7 @@ from deformnb.document.json_format import from_json
 from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation
 from deformnb.volume.volume import Volume
-from deformnb.widgets.standalone import write_file_page
+from deformnb.widgets.file_pages import write_file_page
 
 pytestmark = pytest.mark.needs_browser
 

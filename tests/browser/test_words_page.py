@@ -28,7 +28,7 @@ from deformnb.io import write_volume
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Volume
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.standalone import write_file_page
+from deformnb.widgets.file_pages import write_file_page
 from deformnb.widgets.studio.studio import Studio
 from deformnb.words import word_table
 

@@ -174,7 +174,7 @@ export const OVERLAYS: Record<string, string[]> = {
   uncertainty: ["Uncertainty", "grey where the map is extrapolated far from the control points"],
 };
 export const OVERLAY_TRAITS = ["overlay", "uncertainty", "uncertainty_facts", "marked"];
-const AREA_COLOURS = { shrinks: [118, 42, 131], same: [255, 255, 255], grows: [27, 120, 55] };
+export const AREA_COLOURS = { shrinks: [118, 42, 131], same: [255, 255, 255], grows: [27, 120, 55] };
 const AREA_ALPHA = 0.62;
 const AREA_OCTAVES = 1; // half and twice the area have the full colours
 const UNCERTAINTY_COLOUR = [150, 153, 160],

@@ -109,7 +109,10 @@ export class PictureSource {
     this.grey = pixels instanceof GreyValues ? pixels : null;
     this.channels = this.grey ? 1 : 4;
     if (pixels instanceof GreyValues) this.setWindow(pixels.window);
-    else this.levels = [{ pixels, width, height }];
+    else {
+      this.levels = [{ pixels, width, height }];
+      this.fill = raster.beyond ?? 0;
+    }
   }
 
   /**

@@ -17,13 +17,17 @@ const SHORTEST_PICTURE = 1024; // the same of a picture of a volume
 export class FilePage extends StandalonePage {
   isSaved = true;
 
-  /** @param name of the file without suffix */
+  /**
+   * @param name of the file without suffix
+   * @param root of the page's parts
+   */
   constructor(
     data: PageData,
     widgets: Values,
     readonly name: string,
+    root?: HTMLElement,
   ) {
-    super(data, widgets);
+    super(data, widgets, root);
   }
 
   get downloads() {
@@ -36,7 +40,7 @@ export class FilePage extends StandalonePage {
 
   addButtons() {
     const bar = this.part("buttons");
-    this.button(bar, "Download picture", "the deformed picture as PNG", () => this.#savePicture());
+    this.button(bar, "Download picture", "the deformed picture as PNG", () => this.savePicture());
     if (this.view && !this.isStill) {
       this.button(bar, "Download rendering", "the volume as it is seen here, as PNG", () => this.#saveRendering());
     }
@@ -60,7 +64,7 @@ export class FilePage extends StandalonePage {
     return fit && places.map(([a, b]) => fieldAt(fit, a, b));
   }
 
-  async #savePicture() {
+  async savePicture() {
     const editor = this.#editorView,
       { source } = editor.parts.picture.painter;
     if (!source) return;

@@ -214,7 +214,7 @@ export class StandalonePage {
     this.#controls();
     this.fit();
     await this.widgets.editor.initialize?.({ model: this.editor });
-    await this.#render("editor", this.editor, "picture");
+    if (this.part("picture")) await this.#render("editor", this.editor, "picture");
     this.part("volume").hidden = !this.view;
     if (this.view) {
       await this.widgets.view.initialize?.({ model: this.view });
@@ -237,7 +237,7 @@ export class StandalonePage {
     this.closing.abort();
     for (const end of this.ends) end();
     this.part("controls").replaceChildren();
-    this.part("picture").replaceChildren();
+    this.part("picture")?.replaceChildren();
     this.part("volume").replaceChildren();
     this.part("volume").classList.remove("dnb-page-flat");
   }
@@ -481,10 +481,10 @@ function setting<T>(model: PlainModel, name: string): Bound<T> {
   };
 }
 
-/** Reports an action that has failed on the page, which stays usable. */
-export function runGuarded(action: () => void) {
+/** Reports an action that has failed on the page, at once or later; the page stays usable. */
+export async function runGuarded(action: () => unknown) {
   try {
-    action();
+    await action();
   } catch (error) {
     console.error(error);
     showAlert(`This page met an error: ${messageOf(error)}`);

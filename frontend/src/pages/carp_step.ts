@@ -1,0 +1,69 @@
+// A carp in three dimensions, bent by the grids of two drawings and turned by hand.
+
+import { pairPoints, placePair } from "../maths/thompson.ts";
+import type { Plane } from "../types.ts";
+import { planeAlong, voxelRaster } from "../volume/grid.ts";
+import { maximumProjection } from "../volume/packing.ts";
+import { subjectBox } from "../volume/subject.ts";
+import type { StepTools } from "./drawing_step.ts";
+import type { Examples, Figure } from "./examples.ts";
+import { carpVolume } from "./examples.ts";
+import type { Opened } from "./opened_file.ts";
+import { dataOf, openVolume } from "./opened_file.ts";
+import { pageParts, StepPage } from "./step_page.ts";
+
+const SIDE = "-x"; // from the left: its head points left, as in all drawings of Thompson
+
+export class CarpStep {
+  page: StepPage | null = null;
+  #opened: Promise<Opened> | null = null;
+  #number = 0; // of requests to show something
+
+  constructor(
+    readonly place: Element,
+    readonly tools: StepTools,
+    readonly examples: Examples,
+  ) {}
+
+  /** Show the carp as bent by a pair of figures, by a share of the whole way. */
+  async show(source: Figure, target: Figure, share: number) {
+    this.#number += 1;
+    const number = this.#number,
+      { template, widgets, room, report } = this.tools;
+    this.#opened ??= openVolume(carpVolume(this.examples), null, () => {}, new AbortController().signal);
+    const opened = await this.#opened,
+      data = await dataOf(template, opened, SIDE);
+    if (number !== this.#number) return;
+    const points = this.#points(opened, planeAlong(opened.volume.grid, SIDE), source, target);
+    Object.assign(data, { controls: [], editor: StepPage.splineTraits(data.editor, points) });
+    this.page?.close();
+    const root = pageParts(this.place);
+    this.place.prepend(root);
+    root.querySelector(".dnb-page-picture")?.remove(); // the volume alone
+    this.page = new StepPage(data, widgets, "carp", root, room);
+    this.page.setShare(share);
+    await this.page.open();
+    report({ words: "", percent: null });
+  }
+
+  #points({ volume }: Opened, plane: Plane, source: Figure, target: Figure) {
+    const raster = voxelRaster(volume.grid, plane),
+      [rows, columns] = raster.shape,
+      [a, b] = raster.origin,
+      [du, dv] = raster.spacing;
+    const box = subjectBox(maximumProjection(volume, plane), raster);
+    if (!box) throw new Error("there is nothing on the picture to lay a grid around.");
+    const frame = [a - du / 2, a + (columns - 0.5) * du, b - dv / 2, b + (rows - 0.5) * dv] as const;
+    return pairPoints(placePair(source.nodes, target.nodes, { box, frame: [...frame] }));
+  }
+
+  setShare(share: number) {
+    this.page?.setShare(share);
+  }
+
+  hide() {
+    this.#number += 1;
+    this.page?.close();
+    this.page = null;
+  }
+}
