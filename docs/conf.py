@@ -120,6 +120,7 @@ def _make_live_pages() -> None:
         target, title="A carp", controls=["strength", "shows", "reset"], overwrite=True
     )
     dn.widgets.write_file_page(HERE / "_made" / "deformnb.html")
+    dn.widgets.write_thompson_page(HERE / "_made" / "thompson.html", lessons="lessons.html")
 
 
 def _make_profile() -> None:

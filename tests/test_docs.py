@@ -215,6 +215,7 @@ def test_the_pages_are_built_and_fetch_nothing_from_elsewhere(tmp_path: Path) ->
     assert {
         "index.html",
         "carp.html",
+        "thompson.html",
         "howto/cuts.html",
         "notebooks/03_darcy_thompson_carp.html",
         "api/generated/deformnb.rbf.fit_rbf.html",

@@ -79,6 +79,7 @@ WRITERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "write_movie": ((".gif", ".webp"), lambda path, **o: dn.write_movie(path, FRAMES, **o)),
     "write_standalone": ((".html",), _page),
     "write_file_page": ((".html",), dn.widgets.write_file_page),
+    "write_thompson_page": ((".html",), dn.widgets.write_thompson_page),
     "write_lesson_page": ((".html",), lambda path, **o: deformnb_lessons.write_lesson_page("affine", path, **o)),
     "draw_pictures": ((".png",), lambda path: dn.draw_pictures([PICTURE], path=path)),
     "draw_grids": ((".png",), lambda path: dn.draw_grids(DEFORMATION, PICTURE, grid=GRID, path=path)),

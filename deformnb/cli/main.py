@@ -172,6 +172,9 @@ def _add_demo(commands: Commands) -> None:
     p.set_defaults(run=_demo)
 
 
+_PAGES = {"": "deformnb.html", "thompson": "thompson.html"}  # names of pages by their kinds
+
+
 def _add_page(commands: Commands) -> None:
     from deformnb.app import add_language
 
@@ -181,10 +184,16 @@ def _add_page(commands: Commands) -> None:
         help=what,
         description=f"""{what[0].upper()}{what[1:]}: one file that works offline,
         from a stick or on a phone. On it a NIfTI, NRRD, PNG or JPEG file is opened, deformed by control points and
-        compared, and pictures and a session are downloaded; "deformnb replay" applies the session to the same file.""",
+        compared, and pictures and a session are downloaded; "deformnb replay" applies the session to the same file.
+        "deformnb page thompson" writes a page about D'Arcy Thompson's grids: one fish becomes another, on a phone,
+        in five minutes.""",
     )
     p.add_argument(
-        "output", nargs="?", default="deformnb.html", metavar="OUTPUT", help="the file to write (default %(default)s)"
+        "output",
+        nargs="*",
+        metavar="OUTPUT",
+        help=f"the file to write (default {_PAGES['']}); after the word thompson that of the page about "
+        f"Thompson's grids (default {_PAGES['thompson']})",
     )
     p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
     add_language(p)
@@ -299,12 +308,17 @@ def _load_app(options: argparse.Namespace, start: StartServer) -> None:
 
 
 def _page(options: argparse.Namespace) -> None:
-    from deformnb.widgets.file_pages import write_file_page
+    from deformnb.widgets.file_pages import write_file_page, write_thompson_page
 
-    if Path(options.output).exists() and not options.force:
-        raise DeformError(f"{options.output} is there already; name another file, or --force to overwrite it.")
-    write_file_page(options.output, language=options.language)
-    print(options.output)
+    kind, *outputs = options.output if options.output[:1] == ["thompson"] else ["", *options.output]
+    if len(outputs) > 1:
+        raise DeformError(f"one file is written, and {len(outputs)} were named: {', '.join(outputs)}.")
+    output = outputs[0] if outputs else _PAGES[kind]
+    if Path(output).exists() and not options.force:
+        raise DeformError(f"{output} is there already; name another file, or --force to overwrite it.")
+    write = write_thompson_page if kind else write_file_page
+    write(output, language=options.language)
+    print(output)
 
 
 @contextlib.contextmanager

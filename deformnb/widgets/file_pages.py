@@ -23,7 +23,7 @@ from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.page_html import PROMISE, as_base64, inline_script, pack, page_html
+from deformnb.widgets.page_html import PROMISE, THOMPSON_TITLE, as_base64, inline_script, pack, page_html
 from deformnb.widgets.parameters import PAGE_CONTROLS, as_json
 from deformnb.widgets.standalone import check_page_path, page_data, silent, view_part
 from deformnb.widgets.view.live_view import LiveView
@@ -32,9 +32,6 @@ from deformnb.words import language as chosen_language
 
 FILE_PAGE_ABOUT = "Open your volume or picture, drag points on it, compare before and after, and download the result."
 """The line under the title of a page for files."""
-
-THOMPSON_TITLE = "How one fish becomes another"
-"""The title of the page about D'Arcy Thompson's grids."""
 
 _CARP = (80, 160, 80)  # voxels of the carp that a page holds
 _FIRST = ("Polyprion", "Antigonia capros")  # the pair with which a page begins: the boldest of his changes
@@ -86,9 +83,15 @@ def thompson_page_html(language: str | None = None, *, lessons: str = "") -> str
     True
     """
     code = chosen_language(language)
-    texts = {"title": THOMPSON_TITLE, "about": "", "facts": PROMISE}  # which the page translates
-    tables = {one: word_table(one) for one in LANGUAGES}
-    return _page(texts, '<div class="dnb-th"></div>', "thompson", code, tables=tables, lessons=lessons)
+    texts = {"title": translate(THOMPSON_TITLE, code), "about": "", "facts": translate(PROMISE, code)}
+    more = {
+        "languages": dict(LANGUAGES),
+        "tables": {one: word_table(one) for one in LANGUAGES},
+        "lessons": lessons,
+        "title": THOMPSON_TITLE,  # in English, from which the page translates into another language
+        "facts": PROMISE,
+    }
+    return _page(texts, '<div class="dnb-th"></div>', "thompson", code, **more)
 
 
 def write_file_page(path: str | os.PathLike[str], *, language: str | None = None, overwrite: bool = True) -> None:

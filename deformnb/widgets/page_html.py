@@ -16,8 +16,11 @@ _LEVEL = 9  # of gzip: packed once and read often
 
 _NOT_FOR_THE_PAGE = ("comm", "language", "layout", "module", "tabbable", "tooltip", "words")
 
+THOMPSON_TITLE = "How one fish becomes another"
+"""Title of the page about D'Arcy Thompson's grids, which lists of lessons have too."""
+
 PROMISE = "This file works without a network: nothing is loaded, and nothing is sent."
-"""What a reader of any page may rely on, as its policy enforces it."""
+"""Promise of every page to its reader, which its policy enforces."""
 
 
 def plain_traits(widget: Any) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from deformnb.rbf.extrusion import Extrusion, extrude
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
+from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_voxels, side_names
 from deformnb.widgets.bundle import bundle
@@ -140,7 +141,9 @@ def standalone_html(
     return page
 
 
-def page_data(editor: Editor, part: ViewPart | None, name: str, controls: Iterable[str], code: str) -> dict[str, Any]:
+def page_data(
+    editor: Editor, part: ExportedView | None, name: str, controls: Iterable[str], code: str
+) -> dict[str, Any]:
     """Data of a page for its scripts."""
     return {
         "language": code,
@@ -164,7 +167,7 @@ def page_data(editor: Editor, part: ViewPart | None, name: str, controls: Iterab
 _OF_PYTHON = {"uid": "standalone", "live": False, "seen": {}, "history": {}, "cut_off": {}, "enlarges": False}
 
 
-def _outline(editor: Editor, part: ViewPart | None) -> dict[str, Any]:
+def _outline(editor: Editor, part: ExportedView | None) -> dict[str, Any]:
     """The tissue on the picture, for the page to report where it leaves the box; {} where the view finds that."""
     if part is not None:
         return part.outline
@@ -233,7 +236,7 @@ def check_page_path(path: str | os.PathLike[str], *, overwrite: bool) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class ViewPart:
+class ExportedView:
     """The part of a live view that goes into the page."""
 
     volume: Volume
@@ -254,7 +257,7 @@ class ViewPart:
         return f"{now} voxels" + ("" if now == before else f", reduced from {before}")
 
 
-def view_part(editor: Editor, view: LiveView, limit: int | None, report: Progress) -> ViewPart:
+def view_part(editor: Editor, view: LiveView, limit: int | None, report: Progress) -> ExportedView:
     """The part of a live view that goes into a page, with at most so many voxels."""
     snapshot = view.snapshot()
     volume, output = snapshot.volume, snapshot.scene.output
@@ -274,7 +277,7 @@ def view_part(editor: Editor, view: LiveView, limit: int | None, report: Progres
     scene = replace(snapshot.scene, shown=shown, field=field)
     still = as_png(render_scene(scene, _STILL))
     report(0.9)
-    return ViewPart(
+    return ExportedView(
         volume,
         shown,
         _step_of(editor, _extrusion(field)),
@@ -405,7 +408,7 @@ def _round(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:
     return (np.round(values / unit) * unit).astype("<f4")
 
 
-def _document(editor: Editor, part: ViewPart | None, name: str) -> dict[str, Any] | None:
+def _document(editor: Editor, part: ExportedView | None, name: str) -> dict[str, Any] | None:
     """The document that the page fills with its points; None where there is none that these points make alone."""
     step = part.step if part else editor.step() if editor.picture is not None else None
     if step is None:

@@ -7,8 +7,6 @@ import { readState } from "./pages/thompson_state.ts";
 import { buttonElement, named, setText } from "./ui/dom.ts";
 import { localize, showInLanguage } from "./ui/words.ts";
 
-const NAMES: Record<string, string> = { de: "Deutsch", en: "English" };
-
 /** The language of the address, else that of the page. */
 function languageOf({ language, tables }: ThompsonTemplate) {
   const wanted = new URLSearchParams(location.hash.slice(1)).get("language");
@@ -16,9 +14,9 @@ function languageOf({ language, tables }: ThompsonTemplate) {
 }
 
 /** A button for each other language, which opens the page in it. */
-function offerLanguages(language: string, tables: ThompsonTemplate["tables"]) {
+function offerLanguages(language: string, languages: ThompsonTemplate["languages"]) {
   const header = pagePart("header");
-  for (const code of Object.keys(tables)) {
+  for (const [code, name] of Object.entries(languages)) {
     if (code === language) continue;
     buttonElement(
       "dnb-page-button dnb-th-language",
@@ -28,7 +26,7 @@ function offerLanguages(language: string, tables: ThompsonTemplate["tables"]) {
         location.hash = `language=${code}`;
         location.reload();
       },
-      { lang: code, translate: "no", ...named(NAMES[code] ?? code) },
+      { lang: code, translate: "no", ...named(name) },
     );
   }
 }
@@ -38,12 +36,13 @@ async function openPage() {
       JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""),
     ),
     language = languageOf(template),
-    { title } = document;
+    { title, facts } = template;
   showInLanguage(document.body, template.tables[language]!, language);
   document.documentElement.lang = language;
   document.title = localize(title);
   setText(pagePart("header").querySelector("h1")!, localize(title));
-  offerLanguages(language, template.tables);
+  setText(pagePart("footer"), localize(facts));
+  offerLanguages(language, template.languages);
   const root = document.querySelector(".dnb-th")!,
     page = new ThompsonPage(template, exportedWidgets(), root, readState());
   Object.assign(document.body, { deformnb: page, isCopy: includedState() !== null }); // for tests and for debugging

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import tempfile
+import webbrowser
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,9 @@ from deformnb.cli.lab import (
     open_lab,
     open_voila,
 )
+
+PAGE = "thompson"
+"""The name of the lesson that is a page: the one to begin with, which needs no JupyterLab."""
 
 
 def add_lesson(commands: Any) -> None:
@@ -57,17 +61,22 @@ def add_lesson(commands: Any) -> None:
 
 def _lesson(options: argparse.Namespace) -> None:
     from deformnb.checks import check_choice
+    from deformnb.widgets.page_html import THOMPSON_TITLE
     from deformnb.words import language, translate
     from deformnb_lessons import LESSONS
 
     code = language(options.language)
+    if options.name == PAGE:
+        _open_page(Path(options.folder), code, is_opened=not (options.page or options.copy))
+        return
     if options.name is None:
+        print(f"{PAGE:14}{translate(THOMPSON_TITLE, code)}, {translate('5 minutes', code)}")
         for name, lesson in LESSONS.items():
             print(f"{name:14}{translate(lesson.title, code)}, {translate(lesson.time, code)}")
         chosen = "" if options.language is None else f" --language {code}"
-        print(translate(f"open one with: deformnb lesson {next(iter(LESSONS))}{chosen}", code))
+        print(translate(f"open one with: deformnb lesson {PAGE}{chosen}", code))
         return
-    check_choice(options.name, LESSONS, "lesson")
+    check_choice(options.name, [PAGE, *LESSONS], "lesson")
     if options.page:
         _write_page(options.name, Path(options.folder), code)
         return
@@ -95,6 +104,18 @@ def _localized(notebook: Path, code: str) -> Iterator[Path]:
         made = Path(folder) / f"{notebook.stem}.{code}.ipynb"
         write_translation(notebook, made, code)
         yield made
+
+
+def _open_page(folder: Path, code: str, *, is_opened: bool) -> None:
+    """Write the page about Thompson's grids, which is all of its lesson, and open it in the browser."""
+    from deformnb.widgets.file_pages import write_thompson_page
+
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{PAGE}.html"
+    write_thompson_page(path, language=code, overwrite=True)
+    print(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB): open it in a browser, or put it on a stick")
+    if is_opened:
+        webbrowser.open(path.resolve().as_uri())
 
 
 def _write_page(name: str, folder: Path, code: str) -> None:

@@ -14,7 +14,7 @@ from command_line import error_sentence, run
 
 from deformnb.datasets import PHANTOMS
 from deformnb_lessons import LESSONS
-from deformnb_lessons.command import lesson_notebook
+from deformnb_lessons.command import PAGE, lesson_notebook
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -24,8 +24,10 @@ def test_without_a_name_the_lessons_are_listed(
 ) -> None:
     assert run(tmp_path, "lesson", monkeypatch) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines[:-1]] == list(LESSONS)
-    assert re.search(r"Coordinates and grids, 30 minutes", lines[0])
+    assert [line.split()[0] for line in lines[:-1]] == [PAGE, *LESSONS]
+    assert re.search(r"How one fish becomes another, 5 minutes", lines[0])
+    assert re.search(r"Coordinates and grids, 30 minutes", lines[1])
+    assert lines[-1] == f"open one with: deformnb lesson {PAGE}"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -44,11 +46,24 @@ def test_a_lesson_is_copied_once_and_opened(
     assert [path.name for path in (tmp_path / "mine").iterdir()] == [copy.name]
 
 
+def test_the_page_about_thompson_is_a_lesson_that_opens_in_the_browser(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    assert run(tmp_path, "lesson thompson mine --page", monkeypatch) == 0
+    assert opened == []
+    assert run(tmp_path, "lesson thompson mine --language de", monkeypatch) == 0
+    assert opened == [(tmp_path / "mine" / "thompson.html").resolve().as_uri()]
+    assert "Wie aus einem Fisch" in (tmp_path / "mine" / "thompson.html").read_text(encoding="utf-8")
+    assert "thompson.html" in capsys.readouterr().out
+
+
 def test_an_unknown_lesson_names_the_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = run(tmp_path, "lesson kernel", monkeypatch)
-    assert "choose one of coordinates, fish, kernels, affine, folding" in error_sentence(capsys.readouterr(), code)
+    assert "choose one of thompson, coordinates, fish, kernels, affine, folding" in error_sentence(capsys.readouterr(), code)
     assert list(tmp_path.iterdir()) == []
 
 

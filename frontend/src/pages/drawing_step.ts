@@ -3,6 +3,7 @@
 
 import { AREA_COLOURS } from "../editor/overlays.ts";
 import { layeredFit } from "../maths/cuts.ts";
+import type { Growth } from "../maths/thompson.ts";
 import { cellsOf, growthOf, pairPoints, progressOf, reachedNodes, twelveNodes } from "../maths/thompson.ts";
 import { busOf } from "../sync/bus.ts";
 import type { FitSettings, PicturePoint, PointsDetail, Values, Vector2 } from "../types.ts";
@@ -32,8 +33,12 @@ export interface StepTools {
   report: (report: Report) => void;
 }
 
-const ROWS = ["at the back", "in the middle", "at the belly"],
-  COLUMNS = ["of the head", "of the body", "of the tail"];
+// Thirds of an animal, from back to belly and from head to tail.
+const PLACES = [
+  ["at the back of the head", "at the back of the body", "at the back of the tail"],
+  ["in the middle of the head", "in the middle of the body", "in the middle of the tail"],
+  ["at the belly of the head", "at the belly of the body", "at the belly of the tail"],
+];
 const FULL_OCTAVES = 1; // half and twice the area have the full colours
 const MOST_ALPHA = 0.75;
 const GOOD = 90; // percent from which a score is good
@@ -41,10 +46,12 @@ const GOOD = 90; // percent from which a score is good
 /** A sentence about where an animal has grown. */
 function growthWords(pair: LaidPair) {
   const { most, least } = growthOf(pair.source, pair.target),
-    place = ({ row, column }: { row: number; column: number }) => `${ROWS[row]} ${COLUMNS[column]}`;
+    times = ({ times: value }: Growth) =>
+      value.toLocaleString(document.documentElement.lang, { minimumFractionDigits: 1, maximumFractionDigits: 1 }),
+    place = ({ row, column }: Growth) => PLACES[row]![column]!;
   return (
-    `Compared with the whole animal, it has grown most ${place(most)}: ${most.times.toFixed(1)} times the area. ` +
-    `It has grown least ${place(least)}: ${least.times.toFixed(1)} times the area.`
+    `Compared with the whole animal, it has grown most ${place(most)}: ${times(most)} times the area. ` +
+    `It has grown least ${place(least)}: ${times(least)} times the area.`
   );
 }
 

@@ -13,11 +13,15 @@ export function includedState(): Values | null {
   return text ? JSON.parse(text) : null;
 }
 
-/** The page with a state in it. */
+/** The page with a state in it, in front of its data and in place of the state that it may have. */
 export function pageWithState(state: Values) {
-  const escaped = JSON.stringify(state).replaceAll("<", "\\u003c"),
-    element = `<script type="application/json" id="${STATE}">${escaped}</script>`;
-  const without = ORIGINAL.replace(new RegExp(`<script type="application/json" id="${STATE}">.*?</script>`, "s"), "");
-  const at = without.indexOf('<script type="application/json" id="dnb-data">');
-  return new Blob([`<!doctype html>\n${without.slice(0, at)}${element}${without.slice(at)}`], { type: "text/html" });
+  const element = Object.assign(document.createElement("script"), {
+    type: "application/json",
+    id: STATE,
+    textContent: JSON.stringify(state).replaceAll("<", "\\u003c"),
+  });
+  const beginOf = (id: string) => ORIGINAL.indexOf(`<script type="application/json" id="${id}">`),
+    data = beginOf("dnb-data"),
+    before = ORIGINAL.slice(0, beginOf(STATE) < 0 ? data : beginOf(STATE));
+  return new Blob(["<!doctype html>\n", before, element.outerHTML, ORIGINAL.slice(data)], { type: "text/html" });
 }

@@ -22,6 +22,11 @@ export interface ThompsonTemplate extends Template {
   examples: Examples;
   /** The words of each language by the English ones */
   tables: Record<string, Record<string, string>>;
+  /** The name of each language in itself, by its code */
+  languages: Record<string, string>;
+  /** Its title, and what may be relied on, in English */
+  title: string;
+  facts: string;
   /** The address of the lessons, "" for none */
   lessons: string;
 }
@@ -34,7 +39,7 @@ const GAP = 16;
 /** Of each step the words of its button, and what there is to do. */
 const WORDS: Record<StepName, [string, string]> = {
   morph: ["Watch", "Drag the slider: his grid bends, and one fish becomes the other."],
-  drag: ["Drag", "Drag each numbered point to the place with its number in the second drawing."],
+  drag: ["Try", "Drag each numbered point to the place with its number in the second drawing."],
   carp: ["In 3D", "The same grid bends a carp. Drag the slider, and turn the carp with a finger or the mouse."],
   growth: ["Growth", "Green parts have grown more than the whole animal, purple parts less."],
   own: ["Yours", "Lay a grid on two pictures of your own, and see one become the other."],
@@ -122,7 +127,7 @@ export class ThompsonPage {
     const { examples, lessons } = this.template;
     const foot = pageElement("p", "dnb-th-origin", root);
     pageElement("span", "", foot, { translate: "no" }, `${examples.origin}. `);
-    if (lessons) pageElement("a", "", foot, { href: lessons }, "The lesson about these drawings");
+    if (lessons) pageElement("a", "", foot, { href: lessons, target: "_top" }, "The lesson about these drawings");
   }
 
   /** The room of a picture. */
@@ -170,7 +175,7 @@ export class ThompsonPage {
     elements.pairs.value = String(state.pair);
     for (const one of STEPS) elements.tabs[one].setAttribute("aria-current", one === step ? "step" : "false");
     setText(elements.task, WORDS[step][1]);
-    document.body.dataset.step = step;
+    document.body.dataset.shown = ""; // until all of the step is there
     elements.stage.hidden = step === "own";
     elements.own.hidden = step !== "own";
     elements.bar.hidden = step === "own";
@@ -183,6 +188,7 @@ export class ThompsonPage {
     try {
       this.#fit();
       await this.#showStep(step);
+      document.body.dataset.shown = state.step;
     } catch (error) {
       console.error(error);
       showAlert(`This page met an error: ${messageOf(error)}`);

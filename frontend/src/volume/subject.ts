@@ -10,6 +10,7 @@ import { maximumProjection } from "./packing.ts";
 
 const MARGIN = 0.02; // by which the box is grown, as a share of its size
 const LEAST_SIGMA = 0.5; // pixels
+const TAIL = 16; // pixels beyond four sigma after which the weights of a narrow Gaussian have faded
 const SIDES = ["+y", "-x", "-z"]; // that can be the best; the opposite ones have the same silhouettes
 
 /** Whether a picture is ink on paper: the pixels of its border are mostly bright. */
@@ -59,12 +60,23 @@ export function subjectBox(pixels: Values, raster: Raster): Vector4 | null {
   return a1 > a0 && b1 > b0 ? [a0, a1, b0, b1] : null;
 }
 
-/** A row of weights of a Gaussian or of its derivative, symmetric about its middle. */
-function gaussian(sigma: number, isSlope: boolean) {
-  const reach = Math.ceil(4 * sigma) + 1,
-    weights = Array.from({ length: 2 * reach + 1 }, (_, k) => Math.exp((-0.5 * (k - reach) ** 2) / sigma ** 2));
-  const sum = weights.reduce((total, w) => total + w, 0);
-  return weights.map((w, k) => (isSlope ? ((k - reach) / sigma ** 2) * w : w) / sum);
+/**
+ * Weights of a Gaussian or of its derivative, with the frequencies that pixels can have and no others, as the Fourier
+ * transform of `count` pixels has them.
+ */
+function gaussian(sigma: number, isSlope: boolean, count: number) {
+  const reach = Math.min((count - 1) >> 1, Math.ceil(4 * sigma) + TAIL),
+    top = Math.floor(count / 2);
+  return Array.from({ length: 2 * reach + 1 }, (_, n) => {
+    let sum = isSlope ? 0 : 1;
+    for (let f = 1; f <= top; f++) {
+      const omega = (2 * Math.PI * f) / count,
+        weight = Math.exp(-0.5 * (sigma * omega) ** 2) * (2 * f === count ? 1 : 2),
+        phase = omega * (n - reach);
+      sum += isSlope ? weight * omega * Math.sin(phase) : weight * Math.cos(phase);
+    }
+    return sum / count;
+  });
 }
 
 /** Values on a raster after a row of weights along an axis; what is beyond the raster is 0. */
@@ -98,7 +110,12 @@ function silhouetteLength(silhouette: Float64Array, [rows, columns]: Vector2, [d
     padded.set(silhouette.subarray(i * columns, (i + 1) * columns), (i + margin) * shape[1] + margin);
   }
   const slope = (isAcross: boolean) =>
-    filtered(filtered(padded, shape, gaussian(across, isAcross), true), shape, gaussian(down, !isAcross), false);
+    filtered(
+      filtered(padded, shape, gaussian(across, isAcross, shape[1]), true),
+      shape,
+      gaussian(down, !isAcross, shape[0]),
+      false,
+    );
   const [da, db] = [slope(true), slope(false)];
   return da.reduce((sum, value, k) => sum + Math.hypot(value / du, db[k]! / dv), 0) * du * dv;
 }
