@@ -315,7 +315,7 @@ def test_all_is_there_in_german(browser: Any, tmp_path: Path) -> None:
         page.go(step)
     page.page.wait_for_timeout(100)  # until the last frame has been recorded
     assert foreign_words(visible_texts(page.page), word_table("de"), ["olfersii", "Mola mola", "EN", "English"]) == []
-    with page.page.expect_navigation():
+    with page.page.expect_event("load"):
         page.press(".dnb-th-language")
     page.wait("document.title === 'How one fish becomes another'")
     page.wait_step("morph")

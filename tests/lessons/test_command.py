@@ -63,7 +63,9 @@ def test_an_unknown_lesson_names_the_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = run(tmp_path, "lesson kernel", monkeypatch)
-    assert "choose one of thompson, coordinates, fish, kernels, affine, folding" in error_sentence(capsys.readouterr(), code)
+    assert "choose one of thompson, coordinates, fish, kernels, affine, folding" in error_sentence(
+        capsys.readouterr(), code
+    )
     assert list(tmp_path.iterdir()) == []
 
 

@@ -25,7 +25,7 @@ export interface Placement {
   head?: "left" | "right";
 }
 
-const FOUND = 1e-6; // of a picture's unit: the tolerance of the place to which a node is moved
+const NEAR = 1e-6; // of a picture's unit: the tolerance of the place to which a node is moved
 
 /** A grid with other numbers of lines on the same bent surface, linear along its lines. */
 export function resampleNodes(nodes: Nodes, rows: number, columns: number): Nodes {
@@ -153,7 +153,7 @@ export function progressOf(source: Vector2[], reached: Vector2[], goals: Vector2
 
 /** Where a map takes the nodes of a grid; a node that has no place there, for the map folds or is cut, stays. */
 export function reachedNodes(layered: LayeredFit, source: Nodes) {
-  return source.flat().map((place) => findVisiblePlace(layered, place, FOUND) ?? place);
+  return source.flat().map((place) => findVisiblePlace(layered, place, NEAR) ?? place);
 }
 
 /** The area of a cell with corners in order. */
