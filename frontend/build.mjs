@@ -84,8 +84,8 @@ const PAGES = {
     "app/remote.css",
   ],
   standalone: ["standalone.ts", "inputs/clip_sliders.css", "standalone.css"],
-  file_page: ["file_page.ts", "inputs/clip_sliders.css", "standalone.css", "file_page.css"],
-  thompson: ["thompson.ts", "standalone.css", "thompson.css"],
+  file_page: ["file_page.ts", "inputs/clip_sliders.css", "standalone.css", "pages/grid_pair.css", "file_page.css"],
+  thompson: ["thompson.ts", "standalone.css", "pages/grid_pair.css", "thompson.css"],
 };
 
 const options = {

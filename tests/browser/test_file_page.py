@@ -19,9 +19,11 @@ from scipy.ndimage import map_coordinates
 from volume_bytes import nrrd
 
 from deformnb.cli.main import main
+from deformnb.datasets import PHANTOMS, thompson_grid, thompson_map
 from deformnb.document.json_format import from_json
 from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation
+from deformnb.session.inputs import best_view
 from deformnb.volume.volume import Volume
 from deformnb.widgets.file_pages import write_file_page
 
@@ -200,3 +202,90 @@ def test_a_volume_in_which_nothing_is_seen_says_so_and_what_to_do(
     write_volume(bar_with_a_ball(), tmp_path / "ball.nii.gz")
     page.open(tmp_path / "ball.nii.gz")
     assert alert.count() == 0
+
+
+def test_the_page_begins_with_a_carp_a_drawing_and_a_file(open_page: Callable[..., FilePage]) -> None:
+    page = open_page()
+    page.wait("document.querySelectorAll('.dnb-page-card').length === 3")
+    cards = page.page.locator(".dnb-page-card")
+    # Each has a picture, and the first two of them show more than one colour.
+    colours = """[...document.querySelectorAll('.dnb-page-card-picture')].map((c) => new Set(new Uint32Array(
+      c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer)).size)"""
+    page.wait(f"({colours}).every((count) => count > 1)")
+    cards.nth(0).click()
+    page.wait_loaded()
+    assert not cards.nth(0).is_visible()
+    assert page.page.locator("select[name=side]").input_value() == "-x"
+    with page.page.expect_file_chooser():
+        page.page.get_by_role("button", name="Open a file").click()
+
+
+def test_a_volume_is_seen_from_the_side_that_a_studio_begins_with(
+    open_page: Callable[..., FilePage], tmp_path: Path
+) -> None:
+    page = open_page()
+    for name in ("knee", "lobster", "fish"):
+        volume = PHANTOMS[name].make((20, 28, 24))
+        write_volume(volume, tmp_path / f"{name}.nii.gz")
+        page.open(tmp_path / f"{name}.nii.gz")
+        assert page.page.locator("select[name=side]").input_value() == best_view(
+            read_volume(tmp_path / f"{name}.nii.gz")
+        )
+
+
+def test_thompsons_grid_turns_his_drawing_into_the_other_and_undo_takes_it_back(
+    open_page: Callable[..., FilePage],
+) -> None:
+    page = open_page()
+    page.wait("document.querySelectorAll('.dnb-page-card').length === 3")
+    page.page.locator(".dnb-page-card").nth(1).click()
+    page.wait_settled()
+    before = page.js(f"JSON.stringify({MODELS}.editor.get('points'))")
+    page.page.locator("select[name=grids]").select_option(label="Polyprion → Antigonia capros")
+    page.wait(f"{MODELS}.editor.get('points').length === 56")
+    page.wait_settled()
+    source = thompson_grid("Polyprion").nodes
+    points = page.points()
+    # The grid is where he printed it, on the pixels of the drawing; and it stays in the picture.
+    shift = points.source[0] - source[0, 0]
+    np.testing.assert_allclose(points.source - shift, source.reshape(-1, 2), atol=1e-9)
+    a0, a1, b0, b1 = page.js(f"({EDITOR}.picture.box)")
+    assert (points.target.min(axis=0) > (a0 - 1e-9, b0 - 1e-9)).all()
+    assert (points.target.max(axis=0) < (a1 + 1e-9, b1 + 1e-9)).all()
+    wanted = thompson_map(
+        "Polyprion",
+        "Antigonia",
+        box=(*[f(points.source[:, 0]) for f in (min, max)], *[f(points.source[:, 1]) for f in (min, max)]),
+        frame=(a0, a1, b0, b1),
+    )
+    np.testing.assert_allclose(points.target, wanted.points.target, atol=1e-9)
+    page.page.locator("[data-command=undo]").click()
+    page.wait(f"JSON.stringify({MODELS}.editor.get('points')) === {json.dumps(before)}")
+
+
+def test_a_grid_on_the_picture_goes_to_that_on_a_second_drawing(
+    open_page: Callable[..., FilePage], tmp_path: Path
+) -> None:
+    leaf = np.full((120, 200, 3), 255, np.uint8)
+    leaf[30:90, 40:160] = 40
+    Image.fromarray(leaf).save(tmp_path / "leaf.png")
+    second = np.full((200, 120, 3), 255, np.uint8)
+    second[40:160, 30:90] = 40
+    Image.fromarray(second).save(tmp_path / "second.png")
+    page = open_page()
+    page.open(tmp_path / "leaf.png")
+    page.page.locator("select[name=grids]").select_option("own")
+    page.wait("document.querySelectorAll('.dnb-gd-svg').length === 1")
+    apply = page.page.get_by_role("button", name="Apply own grids")
+    assert apply.is_disabled()
+    page.page.locator(".dnb-pages-own input[type=file]").nth(1).set_input_files(tmp_path / "second.png")
+    page.wait("document.querySelectorAll('.dnb-gd-svg').length === 2")
+    apply.click()
+    page.wait(f"{MODELS}.editor.get('points').length === 24")
+    points = page.points()
+    low, high = points.source.min(axis=0), points.source.max(axis=0)
+    np.testing.assert_allclose(low, (40, 30), atol=4)  # around the leaf
+    np.testing.assert_allclose(high, (159, 89), atol=4)
+    wide, tall = np.ptp(points.target, axis=0)
+    assert tall > 1.8 * wide  # it stands upright now, as the second one does, within the picture
+    assert tall < 120 + 1e-9

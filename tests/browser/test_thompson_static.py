@@ -254,12 +254,12 @@ def test_a_grid_on_a_photograph_maps_it_and_the_session_replays_on_the_file(
     pixels[200:700, 300:1100] = (90, 140, 60)  # a leaf of one colour
     Image.fromarray(pixels).save(tmp_path / "leaf.png")
     thompson.go("own")
-    own = thompson.page.locator(".dnb-th-own")
+    own = thompson.page.locator(".dnb-pages-own")
     own.nth(0).locator("input[type=file]").set_input_files(tmp_path / "leaf.png")
     thompson.wait("document.querySelectorAll('.dnb-gd-svg').length === 1")
-    thompson.press(".dnb-th-own:nth-child(2) button:has-text('Use Antigonia')")
+    thompson.press(".dnb-pages-own:nth-child(2) button:has-text('Use Antigonia')")
     thompson.wait("document.querySelectorAll('.dnb-gd-svg').length === 2")
-    thompson.wait("document.querySelectorAll('.dnb-th-own:nth-child(1) .dnb-cv-node').length === 56")
+    thompson.wait("document.querySelectorAll('.dnb-pages-own:nth-child(1) .dnb-cv-node').length === 56")
     thompson.press("button:has-text('Show the map')")
     thompson.wait_settled()
     result = f"{PAGE}.own.result"
@@ -289,7 +289,7 @@ def test_a_grid_on_a_photograph_maps_it_and_the_session_replays_on_the_file(
 def test_a_file_that_is_no_picture_is_refused_and_nothing_is_lost(thompson: ThompsonPage, tmp_path: Path) -> None:
     (tmp_path / "notes.png").write_bytes(b"no picture")
     thompson.go("own")
-    thompson.page.locator(".dnb-th-own").nth(0).locator("input[type=file]").set_input_files(tmp_path / "notes.png")
+    thompson.page.locator(".dnb-pages-own").nth(0).locator("input[type=file]").set_input_files(tmp_path / "notes.png")
     thompson.wait("!document.querySelector('.dnb-page-alert').hidden")
     assert "notes" in thompson.page.locator(".dnb-page-alert").inner_text()
     assert thompson.js(f"{PAGE}.state.own") == [None, None]

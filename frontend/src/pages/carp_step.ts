@@ -1,15 +1,13 @@
 // A carp in three dimensions, bent by the grids of two drawings and turned by hand.
 
 import { pairPoints, placePair } from "../maths/thompson.ts";
-import type { Plane } from "../types.ts";
+import type { Vector4 } from "../types.ts";
 import { planeAlong, voxelRaster } from "../volume/grid.ts";
-import { maximumProjection } from "../volume/packing.ts";
-import { subjectBox } from "../volume/subject.ts";
 import type { StepTools } from "./drawing_step.ts";
 import type { Examples, Figure } from "./examples.ts";
 import { carpVolume } from "./examples.ts";
 import type { Opened } from "./opened_file.ts";
-import { dataOf, openVolume } from "./opened_file.ts";
+import { dataOf, openVolume, subjectOf } from "./opened_file.ts";
 import { pageParts, StepPage } from "./step_page.ts";
 
 const SIDE = "-x"; // from the left: its head points left, as in all drawings of Thompson
@@ -34,7 +32,7 @@ export class CarpStep {
     const opened = await this.#opened,
       data = await dataOf(template, opened, SIDE);
     if (number !== this.#number) return;
-    const points = this.#points(opened, planeAlong(opened.volume.grid, SIDE), source, target);
+    const points = this.#points(opened, source, target);
     Object.assign(data, { controls: [], editor: StepPage.splineTraits(data.editor, points) });
     this.page?.close();
     const root = pageParts(this.place);
@@ -46,15 +44,15 @@ export class CarpStep {
     report({ words: "", percent: null });
   }
 
-  #points({ volume }: Opened, plane: Plane, source: Figure, target: Figure) {
-    const raster = voxelRaster(volume.grid, plane),
-      [rows, columns] = raster.shape,
-      [a, b] = raster.origin,
-      [du, dv] = raster.spacing;
-    const box = subjectBox(maximumProjection(volume, plane), raster);
-    if (!box) throw new Error("there is nothing on the picture to lay a grid around.");
-    const frame = [a - du / 2, a + (columns - 0.5) * du, b - dv / 2, b + (rows - 0.5) * dv] as const;
-    return pairPoints(placePair(source.nodes, target.nodes, { box, frame: [...frame] }));
+  #points(opened: Opened, source: Figure, target: Figure) {
+    const { grid } = opened.volume,
+      {
+        shape: [rows, columns],
+        spacing: [du, dv],
+        origin: [a, b],
+      } = voxelRaster(grid, planeAlong(grid, SIDE));
+    const frame: Vector4 = [a - du / 2, a + (columns - 0.5) * du, b - dv / 2, b + (rows - 0.5) * dv];
+    return pairPoints(placePair(source.nodes, target.nodes, { box: subjectOf(opened, SIDE), frame }));
   }
 
   setShare(share: number) {

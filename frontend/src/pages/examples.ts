@@ -7,6 +7,8 @@ import { boxOfNodes } from "../maths/thompson.ts";
 import type { Matrix3, Vector2, Vector3, Vector4 } from "../types.ts";
 import { checkGrid } from "../volume/grid.ts";
 import type { Drawing } from "./laid_pair.ts";
+import { photographOf } from "./laid_pair.ts";
+import type { OwnDrawing } from "./thompson_state.ts";
 
 /** A figure of the book, as deformnb/widgets/file_pages.py writes it. */
 export interface Figure {
@@ -72,4 +74,23 @@ export async function drawingOf(examples: Examples, figure: Figure): Promise<Dra
     Math.min(image.height, Math.ceil(b1 + margin)),
   ];
   return { image, part, nodes, name: species, title: `${modern}, figure ${figure.figure}` };
+}
+
+/** A figure as a user's drawing, which has its grid already. */
+export async function exampleDrawing(examples: Examples, figure: Figure): Promise<OwnDrawing> {
+  const { image, part, nodes, name } = await drawingOf(examples, figure),
+    { width, height } = image as ImageBitmap,
+    canvas = Object.assign(document.createElement("canvas"), { width, height });
+  canvas.getContext("2d")!.drawImage(image, 0, 0);
+  return { name, image: canvas.toDataURL("image/png"), nodes, placed: [], part, factor: 1 };
+}
+
+/** A figure as a picture that was read, and the box of its grid on it. */
+export async function examplePicture(examples: Examples, figure: Figure) {
+  const { image, part, nodes, name } = await drawingOf(examples, figure),
+    [a0, a1, b0, b1] = part,
+    canvas = Object.assign(document.createElement("canvas"), { width: a1 - a0, height: b1 - b0 });
+  canvas.getContext("2d", { willReadFrequently: true })!.drawImage(image, -a0, -b0);
+  const [c0, c1, d0, d1] = boxOfNodes(nodes);
+  return { photograph: photographOf(canvas, name), subject: [c0 - a0, c1 - a0, d0 - b0, d1 - b0] as Vector4 };
 }

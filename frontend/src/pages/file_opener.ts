@@ -7,22 +7,23 @@ import { VOLUME_SUFFIXES } from "../formats/volume_files.ts";
 import type { Point, Values } from "../types.ts";
 import { buttonElement, OWN_KEYS, pageElement } from "../ui/dom.ts";
 import { localize } from "../ui/words.ts";
+import type { Opening } from "./begin_cards.ts";
+import { beginCards } from "./begin_cards.ts";
 import { FilePage } from "./file_page.ts";
+import { GridMenu } from "./grid_menu.ts";
 import type { Opened, Template } from "./opened_file.ts";
-import { dataOf, nameOf, readFile } from "./opened_file.ts";
+import { dataOf, nameOf, readFile, subjectOf } from "./opened_file.ts";
 import type { PageData } from "./standalone_page.ts";
 import { messageOf, pagePart, showAlert } from "./standalone_page.ts";
 
 const STORED = "deformnb.page"; // the key of the last edits in the browser's storage
 const KEPT = ["points", "next_id", "settings", "cuts", "parts"]; // traits of the editor
-const SIDE = "+y",
-  PICTURE_SIDE = "+z";
 
 /** The page, with a file or without. */
 export class FileOpener {
   page: FilePage | null = null;
   opened: Opened | null = null;
-  side: string;
+  side = "";
   work: AbortController | null = null;
   chooser: HTMLInputElement;
   button: HTMLButtonElement;
@@ -31,12 +32,12 @@ export class FileOpener {
   sides: HTMLSelectElement;
   bar: HTMLProgressElement;
   cancel: HTMLButtonElement;
+  begin: HTMLElement;
 
   constructor(
     readonly template: Template,
     readonly widgets: Values,
   ) {
-    this.side = SIDE;
     const root = pagePart("open");
     this.chooser = pageElement("input", "", root, { type: "file", hidden: "", "aria-label": "A volume or a picture" });
     const name = "dnb-page-button dnb-page-choose";
@@ -60,6 +61,12 @@ export class FileOpener {
       "aria-label": "share that is done",
     });
     this.cancel = buttonElement("dnb-page-button", root, "Cancel", () => this.work?.abort(), { hidden: "" });
+    this.begin = beginCards(
+      pagePart("main"),
+      template.examples,
+      (made, opening) => this.#take(made, opening),
+      () => this.chooser.click(),
+    );
     this.chooser.addEventListener("change", () => {
       const [file] = this.chooser.files ?? [];
       if (file) this.open(file);
@@ -106,17 +113,22 @@ export class FileOpener {
   }
 
   /** Open a file in place of the one that is open, which stays open where the new one cannot be read. */
-  async open(file: File) {
+  open(file: File) {
+    return this.#take(file.name, (report, signal) => readFile(file, this.template, report, signal));
+  }
+
+  /** Open what is made or read. */
+  async #take(name: string, opening: Opening) {
     if (this.work) return;
-    if (this.isUnsaved && !window.confirm(localize(`Open ${file.name}? What you did is not downloaded yet.`))) return;
+    if (this.isUnsaved && !window.confirm(localize(`Open ${name}? What you did is not downloaded yet.`))) return;
     const work = new AbortController(),
       before = this.words.textContent ?? "";
     this.work = work;
     showAlert("");
     try {
-      const opened = await readFile(file, this.template, (words, share) => this.#report(words, share), work.signal);
+      const opened = await opening((words, share) => this.#report(words, share), work.signal);
       const stored = readStored(opened),
-        side = stored?.side ?? (opened.photograph ? PICTURE_SIDE : SIDE);
+        side = stored?.side ?? opened.side;
       const data = await dataOf(this.template, opened, side);
       work.signal.throwIfAborted();
       this.opened = opened;
@@ -130,7 +142,7 @@ export class FileOpener {
       if (!(error instanceof FileError)) console.error(error);
       showAlert(
         error instanceof RangeError
-          ? `${shownText(file.name)}: there is not enough memory for it; save it coarser.`
+          ? `${shownText(name)}: there is not enough memory for it; save it coarser.`
           : `${messageOf(error)}`,
       );
     } finally {
@@ -167,6 +179,7 @@ export class FileOpener {
     this.page?.close();
     document.title = `${opened.volume.name} \u2013 deformnb`;
     pagePart("main").hidden = false;
+    this.begin.hidden = true;
     pagePart("about").hidden = true; // room for the picture
     this.sides.value = this.side;
     const page = new FilePage(data, this.widgets, opened.volume.name);
@@ -174,6 +187,12 @@ export class FileOpener {
     Object.assign(document.body, { deformnb: page }); // for tests and for debugging
     await page.open();
     page.addButtons();
+    new GridMenu(page.part("controls"), page, this.template.examples, {
+      name: opened.volume.name,
+      image: URL.createObjectURL(new Blob([data.still!], { type: "image/png" })),
+      raster: data.editor.raster,
+      subject: () => subjectOf(opened, this.side),
+    });
     if (stored) {
       page.isSaved = false;
       page.editor.update(Object.fromEntries(KEPT.map((name) => [name, stored[name] ?? page.editor.get(name)])));

@@ -44,7 +44,7 @@ function sheetOf([a0, a1, b0, b1]: Vector4, { image, part: [p0, p1, q0, q1], sca
 }
 
 /** A canvas as a picture that was read. */
-function photographOf(canvas: HTMLCanvasElement, name: string): Photograph {
+export function photographOf(canvas: HTMLCanvasElement, name: string): Photograph {
   const { width, height } = canvas,
     rgba = canvas.getContext("2d")!.getImageData(0, 0, width, height).data as Uint8ClampedArray<ArrayBuffer>,
     values = new Uint8Array(width * height);

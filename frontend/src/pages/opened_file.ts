@@ -8,7 +8,7 @@ import type { KnownSpacing, Volume } from "../formats/volume_files.ts";
 import { readVolume, VOLUME_SUFFIXES, volumeSuffix, voxelChecksum } from "../formats/volume_files.ts";
 import { PICTURE_SIDES } from "../generated.ts";
 import { coarseMask } from "../maths/tissue_extent.ts";
-import type { Plane, Values } from "../types.ts";
+import type { Plane, Values, Vector4 } from "../types.ts";
 import { coarserGrid, lengthsOf, pictureSides, planeAlong, unitOf, voxelRaster } from "../volume/grid.ts";
 import type { Measured } from "../volume/levels.ts";
 import {
@@ -31,9 +31,11 @@ import {
   stillField,
   volumeInfo,
 } from "../volume/packing.ts";
+import { bestView, subjectBox } from "../volume/subject.ts";
+import type { Examples } from "./examples.ts";
 import type { PageData } from "./standalone_page.ts";
 
-export type Template = PageData & { known_spacings: KnownSpacing[] };
+export type Template = PageData & { known_spacings: KnownSpacing[]; examples: Examples };
 
 /** A file that is open. */
 export interface Opened {
@@ -45,9 +47,15 @@ export interface Opened {
   /** Of the voxels, as Python makes it */
   sha256: string | null;
   packed: (Pick<PageData, "chunks"> & { packed: Values }) | null;
+  /** The side from which it is seen first */
+  side: string;
+  /** The box of what a grid is laid on, where that is known; null where it is looked for */
+  subject: Vector4 | null;
 }
 
-type Report = (words: string, share: number) => void;
+const PICTURE_SIDE = "+z"; // its rows run down and its columns to the right
+
+export type ReportProgress = (words: string, share: number) => void;
 
 let editors = 0; // that were on the page: each has separate undo steps
 
@@ -68,7 +76,12 @@ export function blobOf(canvas: HTMLCanvasElement): Promise<Blob> {
 }
 
 /** Read a file and prepare all that does not depend on the side it is seen from. */
-export async function readFile(file: File, template: Template, report: Report, signal: AbortSignal): Promise<Opened> {
+export async function readFile(
+  file: File,
+  template: Template,
+  report: ReportProgress,
+  signal: AbortSignal,
+): Promise<Opened> {
   const { name } = file,
     isPicture = PICTURE_SUFFIXES.some((suffix) => name.toLowerCase().endsWith(suffix));
   if (!isPicture && !volumeSuffix(name)) {
@@ -94,7 +107,7 @@ export async function readFile(file: File, template: Template, report: Report, s
 export async function openVolume(
   volume: Volume,
   photograph: Photograph | null,
-  report: Report,
+  report: ReportProgress,
   signal: AbortSignal,
 ): Promise<Opened> {
   const sha256 = photograph && !photograph.isExact ? null : await voxelChecksum(volume);
@@ -110,10 +123,12 @@ export async function openVolume(
     about,
     sha256,
     packed: photograph ? null : await packVolume(volume, about, report, signal),
+    side: photograph ? PICTURE_SIDE : bestView(volume, about),
+    subject: null,
   };
 }
 
-async function packVolume(volume: Volume, about: Measured, report: Report, signal: AbortSignal) {
+async function packVolume(volume: Volume, about: Measured, report: ReportProgress, signal: AbortSignal) {
   const transfer = specimen(volume, about),
     { window, share } = windowOf(volume, about, transfer);
   const factors = factorsOf(volume.grid),
@@ -177,6 +192,17 @@ export async function dataOf(template: Template, opened: Opened, side: string): 
     chunks: packed.chunks,
     field: stillField(grid, shown, plane),
   };
+}
+
+/** The box around the subject of an open file, seen from a side: a0, a1, b0, b1; the whole picture where none is found. */
+export function subjectOf({ volume, photograph, subject }: Opened, side: string): Vector4 {
+  const plane = planeAlong(volume.grid, side),
+    raster = voxelRaster(volume.grid, plane),
+    [rows, columns] = raster.shape,
+    [a, b] = raster.origin,
+    [du, dv] = raster.spacing;
+  const pixels = photograph ? volume.values : maximumProjection(volume, plane);
+  return subject ?? subjectBox(pixels, raster) ?? [a, a + (columns - 1) * du, b, b + (rows - 1) * dv];
 }
 
 async function greyPicture(volume: Volume, about: Measured, plane: Plane) {

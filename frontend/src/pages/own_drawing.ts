@@ -18,8 +18,18 @@ const LONGEST = 1000; // pixels along a side of a picture that is kept
 const QUALITY = 0.85; // of a picture that is kept, as JPEG
 const PICTURE_SIDE = "+z";
 
+/** Where a picture with a grid can come from. */
+export interface PictureSources {
+  /** Of its place on the page */
+  title: string;
+  /** Whether a file can be chosen */
+  isFile?: boolean;
+  /** A drawing for those who have no picture, and the words of its button */
+  example?: { words: string; make: () => Promise<OwnDrawing> };
+}
+
 /** Places of a regular grid in a box. */
-function regularNodes([a0, a1, b0, b1]: Vector4): Vector2[][] {
+export function regularNodes([a0, a1, b0, b1]: Vector4): Vector2[][] {
   return Array.from({ length: ROWS }, (_, i) =>
     Array.from(
       { length: COLUMNS },
@@ -80,30 +90,25 @@ export class OwnDrawingView {
   #close: (() => void) | null = null;
   #image: HTMLImageElement | null = null;
 
-  /**
-   * @param title of the place
-   * @param examples a drawing of Thompson's for those who have no picture, by its name
-   * @param changed called with the drawing after each edit
-   */
+  /** @param changed called with the drawing after each edit */
   constructor(
     parent: Element,
     readonly widgets: Values,
-    title: string,
-    readonly example: { words: string; make: () => Promise<OwnDrawing> },
+    { title, isFile, example }: PictureSources,
     readonly changed: (drawing: OwnDrawing) => void,
   ) {
-    this.element = pageElement("section", "dnb-th-own", parent);
-    pageElement("h2", "dnb-th-own-title", this.element, {}, title);
-    const bar = pageElement("div", "dnb-th-own-bar", this.element);
+    this.element = pageElement("section", "dnb-pages-own", parent);
+    pageElement("h2", "dnb-pages-own-title", this.element, {}, title);
+    const bar = pageElement("div", "dnb-pages-own-bar", this.element);
     this.#chooser = pageElement("input", "", bar, {
       type: "file",
       hidden: "",
       accept: PICTURE_SUFFIXES.join(","),
       "aria-label": title,
     });
-    buttonElement("dnb-page-button dnb-th-choose", bar, "Photo or file\u2026", () => this.#chooser.click());
-    buttonElement("dnb-page-button", bar, example.words, () => this.#take(example.make()));
-    this.#place = pageElement("div", "dnb-th-own-place", this.element);
+    if (isFile) buttonElement("dnb-page-button", bar, "Photo or file\u2026", () => this.#chooser.click());
+    if (example) buttonElement("dnb-page-button", bar, example.words, () => this.#take(example.make()));
+    this.#place = pageElement("div", "", this.element);
     this.#chooser.addEventListener("change", () => {
       const [file] = this.#chooser.files ?? [];
       this.#chooser.value = ""; // the same file can be chosen again

@@ -19,7 +19,6 @@ import type { StepName, ThompsonState } from "./thompson_state.ts";
 import { STEPS, storeState } from "./thompson_state.ts";
 
 export interface ThompsonTemplate extends Template {
-  examples: Examples;
   /** The words of each language by the English ones */
   tables: Record<string, Record<string, string>>;
   /** The name of each language in itself, by its code */

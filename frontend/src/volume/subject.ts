@@ -120,8 +120,9 @@ function silhouetteLength(silhouette: Float64Array, [rows, columns]: Vector2, [d
   return da.reduce((sum, value, k) => sum + Math.hypot(value / du, db[k]! / dv), 0) * du * dv;
 }
 
-/** The side that shows most of the subject of a volume: the one with the longest silhouette. */
+/** The side that shows most of the subject of a volume: the one with the longest silhouette; that of a picture for a slice. */
 export function bestView(volume: Volume, { levels }: Measured): string {
+  if (volume.grid.shape[0] === 1) return "+z"; // a picture, which is mirrored from the other side
   const lengths = SIDES.map((side) => {
     const plane = planeAlong(volume.grid, side),
       { shape, spacing } = voxelRaster(volume.grid, plane);
