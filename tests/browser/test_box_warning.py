@@ -24,7 +24,7 @@ from deformnb.rbf.regions import Mask
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import LARGER_BOX, cut_off_text, silhouette
-from deformnb.widgets.standalone import write_file_page
+from deformnb.widgets.file_pages import write_file_page
 
 pytestmark = pytest.mark.needs_browser
 

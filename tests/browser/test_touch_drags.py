@@ -19,7 +19,8 @@ from PIL import Image
 from running_app import RunningApp
 
 from deformnb.io import write_volume
-from deformnb.widgets.standalone import write_file_page, write_standalone
+from deformnb.widgets.file_pages import write_file_page
+from deformnb.widgets.standalone import write_standalone
 from deformnb_lessons.pages import write_lesson_page
 
 pytestmark = pytest.mark.needs_browser
