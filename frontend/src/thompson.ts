@@ -43,7 +43,7 @@ async function openPage() {
   setText(pagePart("header").querySelector("h1")!, localize(title));
   setText(pagePart("footer"), localize(facts));
   offerLanguages(language, template.languages);
-  const root = document.querySelector(".dnb-th")!,
+  const root = document.querySelector<HTMLElement>(".dnb-th")!,
     page = new ThompsonPage(template, exportedWidgets(), root, readState());
   Object.assign(document.body, { deformnb: page, isCopy: includedState() !== null }); // for tests and for debugging
   await page.show();

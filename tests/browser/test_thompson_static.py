@@ -31,7 +31,7 @@ FIRST = ("Polyprion", "Antigonia capros")
 PHONE = {"size": (390, 844), "has_touch": True, "is_mobile": True}
 SCREEN: dict[str, Any] = {"size": (1280, 800)}
 VIEW = "document.querySelector('.dnb-view').deformnb"
-ROWS = ("at the back", "in the middle", "at the belly")
+ROWS = ("on the upper side", "in the middle", "on the lower side")
 COLUMNS = ("of the head", "of the body", "of the tail")
 SMALLEST = 44  # CSS pixels of what a finger presses
 
@@ -157,7 +157,7 @@ def test_twelve_drags_draw_the_animal_and_the_score_is_that_of_the_package(thomp
     grids = placed(FIRST)
     shift = nodes[0, 0] - grids.source_nodes[0, 0]
     wanted = thompson_score(np.where(found[..., None], moved, nodes) - shift, grids).percent
-    assert abs(int(text.split("grid: ")[1].split(" %")[0]) - wanted) <= 1
+    assert abs(int(text.split("your points: ")[1].split(" %")[0]) - wanted) <= 1
     thompson.press(".dnb-th-buttons button:has-text('Undo')")
     thompson.wait(f"document.querySelector('.dnb-th-score').value === {scores[-2]}")
 
@@ -286,6 +286,50 @@ def test_a_grid_on_a_photograph_maps_it_and_the_session_replays_on_the_file(
     thompson.wait("document.querySelectorAll('.dnb-gd-svg').length === 2")
 
 
+def test_a_grid_that_folds_is_named_and_makes_no_map(thompson: ThompsonPage) -> None:
+    thompson.go("own")
+    for number, name in ((1, "Polyprion"), (2, "Antigonia")):
+        thompson.press(f".dnb-pages-own:nth-child({number}) button:has-text('Use {name}')")
+        thompson.wait(f"document.querySelectorAll('.dnb-gd-svg').length === {number}")
+    show = thompson.page.locator("button:has-text('Show the map')")
+    thompson.wait("!document.querySelector('.dnb-pages-pair-foot .dnb-th-next').disabled")
+    assert thompson.fingers
+    corner, last = (thompson.page.locator(".dnb-pages-own:nth-child(1) .dnb-cv-node").nth(n) for n in (0, 55))
+    last.scroll_into_view_if_needed()
+    (x, y), (p, q) = (
+        (b["x"] + b["width"] / 2, b["y"] + b["height"] / 2) for b in (corner.bounding_box(), last.bounding_box())
+    )
+    drag_quickly(thompson.fingers, (x, y), (0.9 * (p - x), 0.9 * (q - y)), 0.4)
+    thompson.wait("document.querySelector('.dnb-th-report').textContent.startsWith('The grid on Polyprion folds')")
+    assert show.is_disabled()
+    thompson.press(".dnb-pages-own:nth-child(1) button:has-text('Undo')")
+    thompson.wait("!document.querySelector('.dnb-pages-pair-foot .dnb-th-next').disabled")
+
+
+@pytest.mark.parametrize("thompson", [PHONE, SCREEN], ids=["phone", "screen"], indirect=True)
+def test_no_press_beside_a_point_adds_one_or_moves_the_drawing(thompson: ThompsonPage) -> None:
+    thompson.go("drag")
+    view = thompson.js(f"({{...{EDITOR}.viewport.view}})")
+    box = thompson.page.locator(".dnb-ed-stage").bounding_box()
+    x, y = box["x"] + 0.35 * box["width"], box["y"] + 0.6 * box["height"]
+    if thompson.fingers:
+        for _ in range(2):
+            thompson.fingers.tap((x, y))
+        thompson.fingers.swipe((x, y), (0, -120))
+        thompson.wait("scrollY > 40")
+    else:
+        thompson.page.mouse.dblclick(x, y)
+        thompson.page.mouse.wheel(0, 200)
+    thompson.page.locator(".dnb-ed-target").first.focus()
+    for key in ("Delete", "a", "Insert", "l"):
+        thompson.page.keyboard.press(key)
+    thompson.wait_settled()
+    assert len(thompson.js(f"{EDITOR}.points.list")) == 12
+    assert thompson.js(f"({{...{EDITOR}.viewport.view}})") == view
+    thompson.page.keyboard.press("ArrowUp")
+    thompson.wait(f"{EDITOR}.points.list[0].target[1] < {EDITOR}.points.list[0].source[1]")
+
+
 def test_a_file_that_is_no_picture_is_refused_and_nothing_is_lost(thompson: ThompsonPage, tmp_path: Path) -> None:
     (tmp_path / "notes.png").write_bytes(b"no picture")
     thompson.go("own")
@@ -293,6 +337,8 @@ def test_a_file_that_is_no_picture_is_refused_and_nothing_is_lost(thompson: Thom
     thompson.wait("!document.querySelector('.dnb-page-alert').hidden")
     assert "notes" in thompson.page.locator(".dnb-page-alert").inner_text()
     assert thompson.js(f"{PAGE}.state.own") == [None, None]
+    box = thompson.page.locator(".dnb-page-alert").bounding_box()
+    assert 0 <= box["y"] < box["y"] + box["height"] <= 844  # it is seen, wherever the page is scrolled to
 
 
 @pytest.mark.parametrize("step", ["morph", "drag", "carp", "growth", "own"])

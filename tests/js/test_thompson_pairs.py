@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scripts import run_script
 
-from deformnb.datasets import thompson_map, thompson_pairs, thompson_score
+from deformnb.datasets import custom_grid, thompson_map, thompson_pairs, thompson_score
+from deformnb.errors import DeformError
 
 FILES = ("maths/thompson.ts", "maths/cuts.ts", "maths/points.ts")
 PLACE = "(given) => given.map(({ source, target, ...placement }) => placePair(source, target, placement))"
@@ -101,3 +102,19 @@ def test_a_grid_with_other_lines_is_on_the_same_surface(rows: int, columns: int,
     main = "({ nodes, rows, columns }) => resampleNodes(nodes, rows, columns)"
     found = run_script(FILES, main, {"nodes": nodes(rows, columns).tolist(), "rows": more, "columns": across})
     np.testing.assert_allclose(found, nodes(more, across), atol=1e-9)
+
+
+def test_a_fold_is_found_in_the_cell_in_which_the_package_finds_it() -> None:
+    main = "(grids) => grids.map((nodes) => foldedCell(nodes))"
+    plain = np.stack(np.meshgrid([0.0, 2, 4, 6], [0.0, 2, 4]), axis=-1)
+    given = [plain]
+    for node, place in (((0, 0), (3, 3)), ((1, 2), (7, 2)), ((2, 3), (4, 4))):
+        folded = plain.copy()
+        folded[node] = place
+        given.append(folded)
+    found = run_script(FILES, main, [grid.tolist() for grid in given])
+    assert found[0] is None
+    custom_grid(plain)
+    for grid, (row, column) in zip(given[1:], found[1:], strict=True):
+        with pytest.raises(DeformError, match=f"right of node r{row} c{column} "):
+            custom_grid(grid)

@@ -156,6 +156,17 @@ export function reachedNodes(layered: LayeredFit, source: Nodes) {
   return source.flat().map((place) => findVisiblePlace(layered, place, NEAR) ?? place);
 }
 
+/** The row and column of a cell that is flat or turned over, as deformnb.datasets.custom_grid finds it; null for none. */
+export function foldedCell(nodes: Nodes): Vector2 | null {
+  const turned = (a: Vector2, b: Vector2, c: Vector2) =>
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0;
+  for (const { row, column, corners } of cellsOf(nodes, nodes)) {
+    const [p, q, r, s] = corners;
+    if (turned(p, q, s) || turned(q, r, p) || turned(r, s, q) || turned(s, p, r)) return [row, column];
+  }
+  return null;
+}
+
 /** The area of a cell with corners in order. */
 function cellArea([p, q, r, s]: Corners) {
   return Math.abs((r[0] - p[0]) * (s[1] - q[1]) - (r[1] - p[1]) * (s[0] - q[0])) / 2;

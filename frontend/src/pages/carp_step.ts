@@ -34,13 +34,18 @@ export class CarpStep {
     if (number !== this.#number) return;
     const points = this.#points(opened, source, target);
     Object.assign(data, { controls: [], editor: StepPage.splineTraits(data.editor, points) });
-    this.page?.close();
-    const root = pageParts(this.place);
+    const { views } = data.view!.volume_info;
+    views.home = views[SIDE]; // to which a button turns it back
+    const before = this.page,
+      root = pageParts(this.place);
+    root.classList.add("dnb-th-coming");
     this.place.prepend(root);
     root.querySelector(".dnb-page-picture")?.remove(); // the volume alone
     this.page = new StepPage(data, widgets, "carp", root, room);
     this.page.setShare(share);
     await this.page.open();
+    root.classList.remove("dnb-th-coming"); // the one before is seen until then
+    before?.close();
     report({ words: "", percent: null });
   }
 

@@ -35,24 +35,48 @@ export interface StepTools {
 
 // Thirds of an animal, from back to belly and from head to tail.
 const PLACES = [
-  ["at the back of the head", "at the back of the body", "at the back of the tail"],
+  ["on the upper side of the head", "on the upper side of the body", "on the upper side of the tail"],
   ["in the middle of the head", "in the middle of the body", "in the middle of the tail"],
-  ["at the belly of the head", "at the belly of the body", "at the belly of the tail"],
+  ["on the lower side of the head", "on the lower side of the body", "on the lower side of the tail"],
 ];
+// The same of pictures that need not show an animal.
+const PARTS = [
+  ["at the upper left", "at the top", "at the upper right"],
+  ["at the left", "in the middle", "at the right"],
+  ["at the lower left", "at the bottom", "at the lower right"],
+];
+const EVEN = 1.1; // ratio of areas below which nothing has grown more than the rest
 const FULL_OCTAVES = 1; // half and twice the area have the full colours
 const MOST_ALPHA = 0.75;
-const GOOD = 90; // percent from which a score is good
+const GOOD = 80; // percent from which a score is good
 
 /** A sentence about where an animal has grown. */
 function growthWords(pair: LaidPair) {
   const { most, least } = growthOf(pair.source, pair.target),
     times = ({ times: value }: Growth) =>
       value.toLocaleString(document.documentElement.lang, { minimumFractionDigits: 1, maximumFractionDigits: 1 }),
-    place = ({ row, column }: Growth) => PLACES[row]![column]!;
+    places = pair.first.isFigure ? PLACES : PARTS,
+    place = ({ row, column }: Growth) => places[row]![column]!;
+  if (most.times < EVEN * least.times) return "No part has grown much more than the others.";
   return (
-    `Compared with the whole animal, it has grown most ${place(most)}: ${times(most)} times the area. ` +
+    `Compared with the whole, it has grown most ${place(most)}: ${times(most)} times the area.\n` +
     `It has grown least ${place(least)}: ${times(least)} times the area.`
   );
+}
+
+const KEYS = /^(Arrow|Tab|Escape|Shift|Control|Alt|Meta)/; // that move a point, or the focus
+
+/** Leave of an editor the drags of its points: a finger beside them scrolls the page, and no point comes or goes. */
+function allowDragsAlone(root: Element) {
+  const stop = (event: Event) => event.stopPropagation(),
+    listen = (name: string, isAllowed: (event: Event) => boolean) =>
+      root.addEventListener(name, (event) => isAllowed(event) || stop(event), { capture: true });
+  listen("pointerdown", ({ target }) => target instanceof Element && target.closest(".dnb-ed-target") !== null);
+  listen("keydown", (event) => {
+    const { key, ctrlKey, metaKey } = event as KeyboardEvent;
+    return KEYS.test(key) || ((ctrlKey || metaKey) && /^[zy]$/i.test(key));
+  });
+  for (const name of ["dblclick", "wheel", "contextmenu"]) listen(name, () => false);
 }
 
 /** The cells of the second grid in two colours: which have grown more than the whole, and which less. */
@@ -116,9 +140,9 @@ export class DrawingStep {
         ghost_opacity: mode === "growth" ? 1 : 0,
       },
     });
-    this.page?.close();
-    const root = pageParts(this.place);
-    root.classList.toggle("dnb-th-shown", mode !== "drag");
+    const before = this.page,
+      root = pageParts(this.place);
+    root.classList.add(mode === "drag" ? "dnb-th-dragged" : "dnb-th-shown", "dnb-th-coming");
     this.place.prepend(root);
     this.pair = pair;
     this.mode = mode;
@@ -127,7 +151,12 @@ export class DrawingStep {
     page.setShare(mode === "morph" ? share : 1);
     await this.showGoal(pair);
     await page.open();
-    if (mode === "drag") this.#followDrags(page);
+    root.classList.remove("dnb-th-coming"); // the one before is seen until then
+    before?.close();
+    if (mode === "drag") {
+      allowDragsAlone(root);
+      this.#followDrags(page);
+    }
     if (mode === "growth") this.tools.report({ words: growthWords(pair), percent: null });
     if (mode === "morph") this.tools.report({ words: "", percent: null });
   }
@@ -167,13 +196,14 @@ export class DrawingStep {
       goals,
     );
     const all = progressOf(pair.source.flat(), reachedNodes(layeredFit(points, settings), pair.source), flat);
-    const percent = Math.round(own.percent),
+    const percent = Math.max(0, Math.round(own.percent)),
       isGood = percent >= GOOD;
     this.goal.mark(goals, isGood ? null : own.worst);
     page.editor.update({ marked: isGood ? [] : [points[own.worst]!.id] });
-    const farthest = `Point ${own.worst + 1} is farthest from its place: ${own.distances[own.worst]!.toFixed(0)} pixels`;
-    const last = `All ${flat.length} crossings of the grid: ${Math.round(all.percent)} %`;
-    this.tools.report({ words: `${isGood ? "You have drawn this animal" : farthest}. ${last}.`, percent });
+    const missing = own.distances[own.worst]!.toFixed(0),
+      farthest = `Point ${own.worst + 1} is farthest from its place: ${missing} pixels of the drawing.`,
+      others = `All ${flat.length} crossings of the grid, also those between your points: ${Math.round(all.percent)} %.`;
+    this.tools.report({ words: isGood ? `You have drawn this animal.\n${others}` : farthest, percent });
   }
 
   setShare(share: number) {

@@ -73,7 +73,9 @@ export async function drawingOf(examples: Examples, figure: Figure): Promise<Dra
     Math.max(0, Math.floor(b0 - margin)),
     Math.min(image.height, Math.ceil(b1 + margin)),
   ];
-  return { image, part, nodes, name: species, title: `${modern}, figure ${figure.figure}` };
+  const today = modern.startsWith(species) ? modern : `${species}, today ${modern}`,
+    title = `Thompson's figure ${figure.figure}: ${today}`;
+  return { image, part, nodes, name: species, title, isFigure: true };
 }
 
 /** A figure as a user's drawing, which has its grid already. */

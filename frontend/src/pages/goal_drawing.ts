@@ -43,8 +43,9 @@ export class GoalDrawing {
    * @param worst the number of the one that is emphasized, from 0
    */
   mark(places: Vector2[], worst: number | null) {
-    const [a0, a1] = this.#box,
-      unit = (a1 - a0) / Math.max(1, this.#image.clientWidth || 300),
+    const [a0, a1, b0, b1] = this.#box,
+      { clientWidth: width, clientHeight: height } = this.#svg,
+      unit = Math.max((a1 - a0) / (width || 300), (b1 - b0) / (height || 300)),
       r = RADIUS * unit;
     this.#svg.replaceChildren();
     for (const [k, [x, y]] of places.entries()) {

@@ -119,6 +119,7 @@ export class GridMenu {
       runGuarded(() => {
         const [source, target] = input.drawings.map((drawing) => drawing?.nodes);
         if (!source || !target) return;
+        if (input.fold) throw new Error(input.fold);
         const placed = source.map((row) => row.map((place) => this.#placeAt(place)));
         this.#apply(placed, target, boxOfNodes(placed));
       }),

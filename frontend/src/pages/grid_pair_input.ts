@@ -1,6 +1,6 @@
 // Two pictures with a grid on each, of the same numbers of lines, which are laid by hand.
 
-import { resampleNodes } from "../maths/thompson.ts";
+import { foldedCell, resampleNodes } from "../maths/thompson.ts";
 import type { Values, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
 import type { Drawing } from "./laid_pair.ts";
@@ -50,6 +50,16 @@ export class GridPairInput {
       pageElement("option", "", this.#lines, { value: k }, `${rows} \u00d7 ${columns}`);
     this.#lines.addEventListener("change", () => runGuarded(() => this.#chooseLines()));
     this.#showLines();
+  }
+
+  /** A sentence about a grid that folds, for which there is no map; "" where none does. */
+  get fold() {
+    for (const drawing of this.drawings) {
+      const cell = drawing && foldedCell(drawing.nodes);
+      if (cell)
+        return `The grid on ${drawing.name} folds below and right of node r${cell[0]} c${cell[1]}: drag its nodes apart.`;
+    }
+    return "";
   }
 
   /** The drawings, once there are two. */

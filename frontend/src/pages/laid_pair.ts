@@ -18,6 +18,8 @@ export interface Drawing {
   name: string;
   /** A longer name */
   title: string;
+  /** Whether it is a figure of an animal, with its head on the left */
+  isFigure: boolean;
 }
 
 /** The grey of paper, from 0 to 255. */

@@ -167,7 +167,9 @@ export class OwnDrawingView {
   /** The drawing for the page, once there is one. */
   drawing({ nodes, name, part }: OwnDrawing): Drawing | null {
     const image = this.#image;
-    return image && { image, part: part ?? [0, image.width, 0, image.height], nodes, name, title: name };
+    return (
+      image && { image, part: part ?? [0, image.width, 0, image.height], nodes, name, title: name, isFigure: false }
+    );
   }
 
   hide() {

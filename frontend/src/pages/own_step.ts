@@ -71,14 +71,15 @@ export class OwnStep {
 
   async #take(isOther: boolean) {
     this.changed();
-    if (isOther) this.#forgetMap();
+    if (isOther || this.#input.fold) this.#forgetMap();
     else if (this.#pair) await this.#showMap();
     this.#update();
   }
 
   #update() {
-    this.#show.disabled = !this.#input.drawings.every(Boolean);
-    if (!this.#pair) this.tools.report({ words: NEEDED, percent: null });
+    const { drawings, fold } = this.#input;
+    this.#show.disabled = !drawings.every(Boolean) || Boolean(fold);
+    if (!this.#pair) this.tools.report({ words: fold || NEEDED, percent: null });
   }
 
   #forgetMap() {

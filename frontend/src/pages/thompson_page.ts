@@ -31,13 +31,17 @@ export interface ThompsonTemplate extends Template {
 }
 
 const NARROW = 860; // CSS pixels below which pictures are stacked
+const FLAT = { width: 600, height: 500 }; // CSS pixels of a phone that is held across, where they are not
 const STAGE_SHARE = 0.38; // of a phone's height, for a picture
 const BELOW = 250; // CSS pixels that wide pages need under the pictures
 const GAP = 16;
 
 /** Of each step the words of its button, and what there is to do. */
 const WORDS: Record<StepName, [string, string]> = {
-  morph: ["Watch", "Drag the slider: his grid bends, and one fish becomes the other."],
+  morph: [
+    "Watch",
+    "In 1917 D'Arcy Thompson drew this fish on a grid. Drag the slider: the grid bends, and it is another fish.",
+  ],
   drag: ["Try", "Drag each numbered point to the place with its number in the second drawing."],
   carp: ["In 3D", "The same grid bends a carp. Drag the slider, and turn the carp with a finger or the mouse."],
   growth: ["Growth", "Green parts have grown more than the whole animal, purple parts less."],
@@ -97,7 +101,7 @@ export class ThompsonPage {
   constructor(
     readonly template: ThompsonTemplate,
     widgets: StepTools["widgets"],
-    root: Element,
+    readonly root: HTMLElement,
     readonly state: ThompsonState,
   ) {
     const { examples } = template;
@@ -133,12 +137,15 @@ export class ThompsonPage {
   #room() {
     const width = this.elements.stage.clientWidth || this.elements.own.clientWidth,
       above = this.elements.stage.getBoundingClientRect().top + window.scrollY;
-    if (width < NARROW) return { width, height: STAGE_SHARE * window.innerHeight };
-    return { width: (width - GAP) / 2, height: Math.max(260, window.innerHeight - above - BELOW) };
+    const isFlat = width >= FLAT.width && window.innerHeight < FLAT.height;
+    if (width < NARROW && !isFlat) return { width, height: STAGE_SHARE * window.innerHeight };
+    const isOwn = this.state.step === "own", // where the map is farther down
+      height = isFlat || isOwn ? 0.6 * window.innerHeight : Math.max(260, window.innerHeight - above - BELOW);
+    return { width: (width - GAP) / 2, height };
   }
 
   #fit() {
-    this.elements.stage.style.setProperty("--dnb-th-room", `${this.#room().height}px`);
+    this.root.style.setProperty("--dnb-th-room", `${this.#room().height}px`);
     for (const page of [this.drawing.page, this.carp.page, this.own?.result.page]) page?.fit();
   }
 
