@@ -277,7 +277,7 @@ def test_a_grid_on_the_picture_goes_to_that_on_a_second_drawing(
     page.wait("document.querySelectorAll('.dnb-gd-svg').length === 1")
     apply = page.page.get_by_role("button", name="Apply own grids")
     assert apply.is_disabled()
-    page.page.locator(".dnb-pages-own input[type=file]").nth(1).set_input_files(tmp_path / "second.png")
+    page.page.locator(".dnb-grid-own input[type=file]").nth(1).set_input_files(tmp_path / "second.png")
     page.wait("document.querySelectorAll('.dnb-gd-svg').length === 2")
     apply.click()
     page.wait(f"{MODELS}.editor.get('points').length === 24")

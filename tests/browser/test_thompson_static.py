@@ -254,12 +254,12 @@ def test_a_grid_on_a_photograph_maps_it_and_the_session_replays_on_the_file(
     pixels[200:700, 300:1100] = (90, 140, 60)  # a leaf of one colour
     Image.fromarray(pixels).save(tmp_path / "leaf.png")
     thompson.go("own")
-    own = thompson.page.locator(".dnb-pages-own")
+    own = thompson.page.locator(".dnb-grid-own")
     own.nth(0).locator("input[type=file]").set_input_files(tmp_path / "leaf.png")
     thompson.wait("document.querySelectorAll('.dnb-gd-svg').length === 1")
-    thompson.press(".dnb-pages-own:nth-child(2) button:has-text('Use Antigonia')")
+    thompson.press(".dnb-grid-own:nth-child(2) button:has-text('Use Antigonia')")
     thompson.wait("document.querySelectorAll('.dnb-gd-svg').length === 2")
-    thompson.wait("document.querySelectorAll('.dnb-pages-own:nth-child(1) .dnb-cv-node').length === 56")
+    thompson.wait("document.querySelectorAll('.dnb-grid-own:nth-child(1) .dnb-cv-node').length === 56")
     thompson.press("button:has-text('Show the map')")
     thompson.wait_settled()
     result = f"{PAGE}.own.result"
@@ -289,12 +289,12 @@ def test_a_grid_on_a_photograph_maps_it_and_the_session_replays_on_the_file(
 def test_a_grid_that_folds_is_named_and_makes_no_map(thompson: ThompsonPage) -> None:
     thompson.go("own")
     for number, name in ((1, "Polyprion"), (2, "Antigonia")):
-        thompson.press(f".dnb-pages-own:nth-child({number}) button:has-text('Use {name}')")
+        thompson.press(f".dnb-grid-own:nth-child({number}) button:has-text('Use {name}')")
         thompson.wait(f"document.querySelectorAll('.dnb-gd-svg').length === {number}")
     show = thompson.page.locator("button:has-text('Show the map')")
-    thompson.wait("!document.querySelector('.dnb-pages-pair-foot .dnb-th-next').disabled")
+    thompson.wait("!document.querySelector('.dnb-grid-pair-foot .dnb-th-next').disabled")
     assert thompson.fingers
-    corner, last = (thompson.page.locator(".dnb-pages-own:nth-child(1) .dnb-cv-node").nth(n) for n in (0, 55))
+    corner, last = (thompson.page.locator(".dnb-grid-own:nth-child(1) .dnb-cv-node").nth(n) for n in (0, 55))
     last.scroll_into_view_if_needed()
     (x, y), (p, q) = (
         (b["x"] + b["width"] / 2, b["y"] + b["height"] / 2) for b in (corner.bounding_box(), last.bounding_box())
@@ -302,8 +302,8 @@ def test_a_grid_that_folds_is_named_and_makes_no_map(thompson: ThompsonPage) -> 
     drag_quickly(thompson.fingers, (x, y), (0.9 * (p - x), 0.9 * (q - y)), 0.4)
     thompson.wait("document.querySelector('.dnb-th-report').textContent.startsWith('The grid on Polyprion folds')")
     assert show.is_disabled()
-    thompson.press(".dnb-pages-own:nth-child(1) button:has-text('Undo')")
-    thompson.wait("!document.querySelector('.dnb-pages-pair-foot .dnb-th-next').disabled")
+    thompson.press(".dnb-grid-own:nth-child(1) button:has-text('Undo')")
+    thompson.wait("!document.querySelector('.dnb-grid-pair-foot .dnb-th-next').disabled")
 
 
 @pytest.mark.parametrize("thompson", [PHONE, SCREEN], ids=["phone", "screen"], indirect=True)
@@ -333,7 +333,7 @@ def test_no_press_beside_a_point_adds_one_or_moves_the_drawing(thompson: Thompso
 def test_a_file_that_is_no_picture_is_refused_and_nothing_is_lost(thompson: ThompsonPage, tmp_path: Path) -> None:
     (tmp_path / "notes.png").write_bytes(b"no picture")
     thompson.go("own")
-    thompson.page.locator(".dnb-pages-own").nth(0).locator("input[type=file]").set_input_files(tmp_path / "notes.png")
+    thompson.page.locator(".dnb-grid-own").nth(0).locator("input[type=file]").set_input_files(tmp_path / "notes.png")
     thompson.wait("!document.querySelector('.dnb-page-alert').hidden")
     assert "notes" in thompson.page.locator(".dnb-page-alert").inner_text()
     assert thompson.js(f"{PAGE}.state.own") == [None, None]

@@ -8,7 +8,7 @@ import type { Matrix3, Vector2, Vector3, Vector4 } from "../types.ts";
 import { checkGrid } from "../volume/grid.ts";
 import type { Drawing } from "./laid_pair.ts";
 import { photographOf } from "./laid_pair.ts";
-import type { OwnDrawing } from "./thompson_state.ts";
+import type { OwnDrawing } from "./own_drawing.ts";
 
 /** A figure of the book, as deformnb/widgets/file_pages.py writes it. */
 export interface Figure {

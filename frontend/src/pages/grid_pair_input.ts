@@ -4,10 +4,9 @@ import { foldedCell, resampleNodes } from "../maths/thompson.ts";
 import type { Values, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
 import type { Drawing } from "./laid_pair.ts";
-import type { PictureSources } from "./own_drawing.ts";
+import type { OwnDrawing, PictureSources } from "./own_drawing.ts";
 import { OwnDrawingView } from "./own_drawing.ts";
 import { runGuarded } from "./standalone_page.ts";
-import type { OwnDrawing } from "./thompson_state.ts";
 
 const LINES: Vector2[] = [
   [3, 4],
@@ -36,12 +35,12 @@ export class GridPairInput {
     sources: [PictureSources, PictureSources],
     readonly changed: (isOther: boolean) => unknown,
   ) {
-    const pictures = pageElement("div", "dnb-pages-pair", parent);
+    const pictures = pageElement("div", "dnb-grid-pair", parent);
     this.#views = sources.map(
       (source, k) =>
         new OwnDrawingView(pictures, widgets, source, (drawing) => runGuarded(() => this.#take(k, drawing))),
     );
-    this.foot = pageElement("div", "dnb-pages-pair-foot", parent);
+    this.foot = pageElement("div", "dnb-grid-pair-foot", parent);
     const field = pageElement("label", "dnb-page-field", this.foot, { title: "rows and columns of both grids" });
     pageElement("span", "dnb-page-label", field, {}, "Grid lines");
     this.#lines = pageElement("select", "dnb-page-select", field, { name: "lines", ...OWN_KEYS });

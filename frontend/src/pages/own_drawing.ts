@@ -10,13 +10,26 @@ import { subjectBox } from "../volume/subject.ts";
 import type { Drawing } from "./laid_pair.ts";
 import { blobOf } from "./opened_file.ts";
 import { messageOf, showAlert } from "./standalone_page.ts";
-import type { OwnDrawing } from "./thompson_state.ts";
 
 const ROWS = 4, // of a grid that begins: few nodes are quickly laid
   COLUMNS = 6;
 const LONGEST = 1000; // pixels along a side of a picture that is kept
 const QUALITY = 0.85; // of a picture that is kept, as JPEG
 const PICTURE_SIDE = "+z";
+
+/** A picture of the user's, with the grid that was laid on it. */
+export interface OwnDrawing {
+  name: string;
+  /** An address "data:" */
+  image: string;
+  nodes: Vector2[][];
+  /** Numbers of the nodes that were placed by hand */
+  placed: number[];
+  /** What is shown of it; null for all. */
+  part: Vector4 | null;
+  /** Pixels of the file along a side of one of the image's */
+  factor: number;
+}
 
 /** Where a picture with a grid can come from. */
 export interface PictureSources {
@@ -97,9 +110,9 @@ export class OwnDrawingView {
     { title, isFile, example }: PictureSources,
     readonly changed: (drawing: OwnDrawing) => void,
   ) {
-    this.element = pageElement("section", "dnb-pages-own", parent);
-    pageElement("h2", "dnb-pages-own-title", this.element, {}, title);
-    const bar = pageElement("div", "dnb-pages-own-bar", this.element);
+    this.element = pageElement("section", "dnb-grid-own", parent);
+    pageElement("h2", "dnb-grid-own-title", this.element, {}, title);
+    const bar = pageElement("div", "dnb-grid-own-bar", this.element);
     this.#chooser = pageElement("input", "", bar, {
       type: "file",
       hidden: "",

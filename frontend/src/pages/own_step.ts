@@ -8,9 +8,9 @@ import type { Examples } from "./examples.ts";
 import { exampleDrawing } from "./examples.ts";
 import { GridPairInput } from "./grid_pair_input.ts";
 import { LaidPair } from "./laid_pair.ts";
+import type { OwnDrawing } from "./own_drawing.ts";
 import type { ShareSlider } from "./share_slider.ts";
 import { runGuarded } from "./standalone_page.ts";
-import type { OwnDrawing } from "./thompson_state.ts";
 
 const TITLES = ["1. The first animal, leaf or face", "2. The second one"] as const;
 const NEEDED = "Choose two pictures, and drag the corners and then the nodes of each grid to the same parts of both.";

@@ -1,24 +1,11 @@
 // What the user has done on the page about Thompson's grids. It survives a reload, and is in a copy of the page.
 
-import type { Vector2, Vector4 } from "../types.ts";
+import type { Vector2 } from "../types.ts";
+import type { OwnDrawing } from "./own_drawing.ts";
 import { includedState } from "./page_copy.ts";
 
 export const STEPS = ["morph", "drag", "carp", "growth", "own"] as const;
 export type StepName = (typeof STEPS)[number];
-
-/** A picture of the user's, with the grid that was laid on it. */
-export interface OwnDrawing {
-  name: string;
-  /** An address "data:" */
-  image: string;
-  nodes: Vector2[][];
-  /** Numbers of the nodes that were placed by hand */
-  placed: number[];
-  /** What is shown of it; null for all. */
-  part: Vector4 | null;
-  /** Pixels of the file along a side of one of the image's */
-  factor: number;
-}
 
 export interface ThompsonState {
   step: StepName;
