@@ -71,7 +71,13 @@ function allowDragsAlone(root: Element) {
   const stop = (event: Event) => event.stopPropagation(),
     listen = (name: string, isAllowed: (event: Event) => boolean) =>
       root.addEventListener(name, (event) => isAllowed(event) || stop(event), { capture: true });
-  listen("pointerdown", ({ target }) => target instanceof Element && target.closest(".dnb-ed-target") !== null);
+  listen("pointerdown", (event) => {
+    // A browser directs a finger to something near it, which an editor may find too far away.
+    const { clientX: x, clientY: y, target } = event as PointerEvent,
+      hit = target instanceof Element ? target.closest(".dnb-ed-target")?.querySelector(".dnb-ed-hit") : null,
+      box = hit?.getBoundingClientRect();
+    return box !== undefined && x >= box.left && x <= box.right && y >= box.top && y <= box.bottom;
+  });
   listen("keydown", (event) => {
     const { key, ctrlKey, metaKey } = event as KeyboardEvent;
     return KEYS.test(key) || ((ctrlKey || metaKey) && /^[zy]$/i.test(key));
