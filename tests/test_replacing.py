@@ -19,6 +19,7 @@ import deformnb as dn
 import deformnb_lessons
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import Affine
+from deformnb.widgets.embedded_page import EmbeddedPage
 
 resource = pytest.importorskip("resource")  # of POSIX: files that may not grow stand for a disk that is full
 
@@ -81,6 +82,11 @@ WRITERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "write_file_page": ((".html",), dn.widgets.write_file_page),
     "write_thompson_page": ((".html",), dn.widgets.write_thompson_page),
     "write_lesson_page": ((".html",), lambda path, **o: deformnb_lessons.write_lesson_page("affine", path, **o)),
+    "write_worksheet": (
+        (".pdf", ".png"),
+        lambda path, **o: deformnb_lessons.write_worksheet("affine", path, **o),
+    ),
+    "write_answers": ((".svg",), deformnb_lessons.write_answers),
     "draw_pictures": ((".png",), lambda path: dn.draw_pictures([PICTURE], path=path)),
     "draw_grids": ((".png",), lambda path: dn.draw_grids(DEFORMATION, PICTURE, grid=GRID, path=path)),
     "render_pair": (
@@ -124,6 +130,8 @@ REFUSERS: dict[str, tuple[str, Callable[..., Any]]] = {
     "Studio.save": (".json", lambda path, **o: _studio(lambda studio: studio.save(path, **o))),
     "Studio.export": (".nrrd", lambda path, **o: _studio(lambda studio: studio.export(path, **o))),
     "Studio.export_html": (".html", lambda path, **o: _studio(lambda studio: studio.export_html(path, **o))),
+    "Studio.embed": (".html", lambda path, **o: _studio(lambda studio: studio.embed(path, **o))),
+    "EmbeddedPage.write": (".html", lambda path, **o: EmbeddedPage("<p>A carp</p>", "A carp").write(path, **o)),
     "replay": (".nrrd", _replay),
     "warp_series": (".nrrd", _series),
     "warp": (".zarr", lambda path, **o: dn.chunked.warp(VOLUME, SHIFT, path, **o)),
@@ -184,7 +192,7 @@ def test_a_writer_that_fails_leaves_the_old_file_and_nothing_else(name: str, suf
     path, (_, write) = _old(name, suffix, tmp_path), WRITERS[name]
     if name == "write_segmentation":
         write(path)  # makes the one beside it, too
-    elif suffix in (".png", ".html"):
+    elif suffix in (".png", ".html", ".pdf", ".svg"):
         write(tmp_path / f"first{suffix}")  # what is compiled, and fonts that are looked up, is kept in files
         (tmp_path / f"first{suffix}").unlink()
     before = _content(tmp_path)

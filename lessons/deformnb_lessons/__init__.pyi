@@ -11,7 +11,7 @@ from .pages import write_lesson_page as write_lesson_page
 from .questions import Question as Question
 from .studio_tasks import FishTask as FishTask
 from .studio_tasks import StudioTask as StudioTask
-from .worksheets import draw_answers as draw_answers
-from .worksheets import draw_worksheet as draw_worksheet
+from .worksheets import answers_figure as answers_figure
+from .worksheets import worksheet_figure as worksheet_figure
 from .worksheets import write_answers as write_answers
 from .worksheets import write_worksheet as write_worksheet

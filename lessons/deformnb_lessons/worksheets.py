@@ -13,6 +13,7 @@ import numpy as np
 from deformnb.checks import check_choice
 from deformnb.datasets import PLATE_SOURCE
 from deformnb.imaging.drawing import save_figure
+from deformnb.io.files.atomic import check_target
 from deformnb.io.files.paths import as_path
 from deformnb.words import translate
 from deformnb_lessons.drawing_parts import NODES, draw_grid, draw_nodes, draw_numbers, draw_plate, draw_squares
@@ -372,7 +373,7 @@ WORKSHEETS: dict[str, tuple[Task | Drawn, ...]] = {
 """Questions and figures of each lesson's sheet, by the lesson's name, in their order on the page."""
 
 
-def draw_worksheet(name: str, language: str | None = None) -> Figure:
+def worksheet_figure(name: str, language: str | None = None) -> Figure:
     """A lesson's worksheet as a figure of A4.
 
     Parameters
@@ -387,7 +388,7 @@ def draw_worksheet(name: str, language: str | None = None) -> Figure:
 
     Examples
     --------
-    >>> [round(float(length), 2) for length in draw_worksheet("affine").get_size_inches()]
+    >>> [round(float(length), 2) for length in worksheet_figure("affine").get_size_inches()]
     [8.27, 11.69]
     """
     return _sheet(name, language).figure
@@ -413,12 +414,12 @@ def _heading(name: str, language: str | None) -> str:
     return f"{translate('Lesson', language)} {number}: {translate(LESSONS[name].title, language)}"
 
 
-def draw_answers(language: str | None = None) -> Figure:
+def answers_figure(language: str | None = None) -> Figure:
     """The answers to all worksheets, for the teacher, as a figure of A4.
 
     Examples
     --------
-    >>> [round(float(length), 2) for length in draw_answers().get_size_inches()]
+    >>> [round(float(length), 2) for length in answers_figure().get_size_inches()]
     [8.27, 11.69]
     """
     sheet = Sheet("Answers to the worksheets", language, size=8.5)
@@ -430,13 +431,16 @@ def draw_answers(language: str | None = None) -> Figure:
     return sheet.figure
 
 
-def write_worksheet(name: str, path: str | os.PathLike[str], *, language: str | None = None) -> None:
-    """Write a lesson's worksheet as a PDF (or PNG, SVG), in place of an older file.
+def write_worksheet(
+    name: str, path: str | os.PathLike[str], *, language: str | None = None, overwrite: bool = True
+) -> None:
+    """Write a lesson's worksheet as a PDF (or PNG, SVG).
 
     Parameters
     ----------
-    name, language : as of :func:`draw_worksheet`.
+    name, language : as of :func:`worksheet_figure`.
     path : the file to write.
+    overwrite : whether an existing file may be replaced.
 
     Raises
     ------
@@ -450,16 +454,18 @@ def write_worksheet(name: str, path: str | os.PathLike[str], *, language: str | 
     ...
     deformnb.errors.DeformError: unknown lesson 'kernel'; choose one of coordinates, fish, kernels, affine, folding.
     """
-    save_figure(draw_worksheet(name, language), as_path(path))
+    check_target(path, overwrite=overwrite)
+    save_figure(worksheet_figure(name, language), as_path(path))
 
 
-def write_answers(path: str | os.PathLike[str], *, language: str | None = None) -> None:
-    """Write the answers to all worksheets as a PDF (or PNG, SVG), in place of an older file.
+def write_answers(path: str | os.PathLike[str], *, language: str | None = None, overwrite: bool = True) -> None:
+    """Write the answers to all worksheets as a PDF (or PNG, SVG).
 
     Parameters
     ----------
     path : the file to write.
-    language : as of :func:`draw_worksheet`.
+    language : as of :func:`worksheet_figure`.
+    overwrite : whether an existing file may be replaced.
 
     Raises
     ------
@@ -473,4 +479,5 @@ def write_answers(path: str | os.PathLike[str], *, language: str | None = None) 
     ...
     deformnb.errors.DeformError: ...
     """
-    save_figure(draw_answers(language), as_path(path))
+    check_target(path, overwrite=overwrite)
+    save_figure(answers_figure(language), as_path(path))

@@ -16,9 +16,9 @@ from deformnb.words import LANGUAGES, translate
 from deformnb_lessons import (
     GOAL_NODES,
     LESSONS,
-    draw_answers,
-    draw_worksheet,
+    answers_figure,
     lesson_carp,
+    worksheet_figure,
     write_answers,
     write_worksheet,
 )
@@ -30,7 +30,7 @@ PAGES = [(name, code) for name in (*LESSONS, "answers") for code in LANGUAGES]
 
 
 def _figure(name: str, code: str) -> Figure:
-    return draw_answers(code) if name == "answers" else draw_worksheet(name, code)
+    return answers_figure(code) if name == "answers" else worksheet_figure(name, code)
 
 
 def _answers(name: str) -> str:
@@ -74,13 +74,13 @@ def test_each_lesson_has_a_sheet_with_a_figure_and_places_to_fill_in() -> None:
 
 
 def test_the_first_sheet_has_his_drawings_and_the_second_his_nodes() -> None:
-    first, second = draw_worksheet("coordinates").axes[:2]
+    first, second = worksheet_figure("coordinates").axes[:2]
     for axes, name in ((first, "Polyprion"), (second, "Antigonia")):
         assert axes.images[0].get_array().shape == ({"Polyprion": (361, 449), "Antigonia": (400, 307)}[name]), (
             "his plate"
         )
         assert axes.get_title() == thompson_grid(name).species
-    places = [text.get_text() for text in draw_worksheet("fish").axes[0].texts]
+    places = [text.get_text() for text in worksheet_figure("fish").axes[0].texts]
     points = fish_task().grids(lesson_carp()).points.take(GOAL_NODES)
     assert places == [f"{name}: ({a:.0f}, {b:.0f})" for name, (a, b) in zip(points.names, points.target, strict=True)]
 
