@@ -44,7 +44,7 @@ async function openPage() {
   setText(pagePart("footer"), localize(facts));
   offerLanguages(language, template.languages);
   const root = document.querySelector<HTMLElement>(".dnb-th")!,
-    page = new ThompsonPage(template, exportedWidgets(), root, readState());
+    page = new ThompsonPage(template, exportedWidgets(), root, readState(template.examples.pairs.length));
   Object.assign(document.body, { deformnb: page, isCopy: includedState() !== null }); // for tests and for debugging
   await page.show();
 }

@@ -159,6 +159,7 @@ export class DrawingStep {
     await page.open();
     root.classList.remove("dnb-th-coming"); // the one before is seen until then
     before?.close();
+    if (number !== this.#number) return; // another step has been chosen meanwhile
     if (mode === "drag") {
       allowDragsAlone(root);
       this.#followDrags(page);

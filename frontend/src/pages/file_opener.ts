@@ -187,9 +187,11 @@ export class FileOpener {
     Object.assign(document.body, { deformnb: page }); // for tests and for debugging
     await page.open();
     page.addButtons();
+    const image = URL.createObjectURL(new Blob([data.still!], { type: "image/png" }));
+    page.closing.signal.addEventListener("abort", () => URL.revokeObjectURL(image));
     new GridMenu(page.part("controls"), page, this.template.examples, {
       name: opened.volume.name,
-      image: URL.createObjectURL(new Blob([data.still!], { type: "image/png" })),
+      image,
       raster: data.editor.raster,
       subject: () => subjectOf(opened, this.side),
     });

@@ -35,6 +35,7 @@ const FLAT = { width: 600, height: 500 }; // CSS pixels of a phone that is held 
 const STAGE_SHARE = 0.38; // of a phone's height, for a picture
 const BELOW = 250; // CSS pixels that wide pages need under the pictures
 const GAP = 16;
+const STORED_AFTER = 300; // milliseconds after a movement of the slider
 
 /** Of each step the words of its button, and what there is to do. */
 const WORDS: Record<StepName, [string, string]> = {
@@ -97,6 +98,7 @@ export class ThompsonPage {
   readonly #ghost: HTMLButtonElement;
   readonly #next: HTMLButtonElement;
   readonly #pairs = new Map<number, Promise<LaidPair>>();
+  #storing = 0; // the timer of a movement of the slider
 
   constructor(
     readonly template: ThompsonTemplate,
@@ -123,6 +125,7 @@ export class ThompsonPage {
       this.choose({ pair: Number(this.elements.pairs.value), share: 0 }),
     );
     window.addEventListener("resize", () => this.#fit());
+    window.addEventListener("pagehide", () => this.#store());
     this.#footer(root);
   }
 
@@ -240,7 +243,8 @@ export class ThompsonPage {
     state.share = share;
     this.drawing.setShare(share);
     this.carp.setShare(share);
-    this.#store();
+    clearTimeout(this.#storing); // pictures of the user's are in what is stored: not with each movement
+    this.#storing = setTimeout(() => this.#store(), STORED_AFTER);
   }
 
   #report({ words, percent }: Report) {

@@ -39,11 +39,18 @@ function storedState(): ThompsonState | null {
   }
 }
 
-/** The state of the page: that of last time, else that in the page, else the first one. */
-export function readState(): ThompsonState {
+/**
+ * The state of the page: that of last time, else that in the page, else the first one.
+ * @param pairs how many there are
+ */
+export function readState(pairs: number): ThompsonState {
   const included = includedState() as ThompsonState | null,
     stored = storedState();
-  const isOwn = stored && (stored.copy ?? "") === (included?.copy ?? "") && STEPS.includes(stored.step);
+  const isOwn =
+    stored?.copy === (included?.copy ?? "") &&
+    STEPS.includes(stored.step) &&
+    stored.pair < pairs &&
+    stored.own?.length === 2;
   return { ...BEGIN, ...(isOwn ? stored : included) };
 }
 
