@@ -1,13 +1,14 @@
 // Bundles the widgets: one module and one style sheet for each, written to deformnb/widgets/static, and the licences of
-// what comes from npm.
+// what comes from npm, which a wheel also has among its own licences.
 //
 //   node frontend/build.mjs            as it is shipped
 //   node frontend/build.mjs --debug    with white space and source maps inside, for a browser's debugger
 
-import { readdir, readFile, writeFile } from "node:fs/promises";
+import { writeFile } from "node:fs/promises";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
+import { licencesOf } from "./licences.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url)),
   source = join(here, "src");
@@ -100,8 +101,8 @@ const options = {
   ...(isDebug ? { sourcemap: "inline" } : { minifySyntax: true, minifyWhitespace: true }),
 };
 
-/** Folders of the packages from npm whose files are in the bundles. */
-const packages = new Set();
+/** Files from npm in the bundles, by the folder of their package. */
+const packages = new Map();
 
 /** Bundles the files of one name; of a module nothing but its default export is left, with its words in a language. */
 async function bundled(name, paths, format) {
@@ -123,25 +124,14 @@ async function bundled(name, paths, format) {
       stdin,
     });
     for (const input of Object.keys(metafile.inputs)) {
-      const [folder] =
-        resolve(source, input.replace(/^\(disabled\):/, "")).match(/.*[\\/]node_modules[\\/](@[^\\/]+[\\/])?[^\\/]+/) ??
-        [];
-      if (folder) packages.add(folder);
+      const isDisabled = input.startsWith("(disabled):"); // a file of a package that leaves it out in browsers
+      const file = resolve(source, isDisabled ? input.slice("(disabled):".length) : input);
+      const [folder] = file.match(/.*[\\/]node_modules[\\/](@[^\\/]+[\\/])?[^\\/]+/) ?? [];
+      if (!folder) continue;
+      if (!packages.has(folder)) packages.set(folder, new Set());
+      if (!isDisabled) packages.get(folder).add(file);
     }
   }
-}
-
-/** Writes the licences of those packages beside the bundles. */
-async function writeLicences() {
-  const texts = await Promise.all(
-    [...packages].sort().map(async (folder) => {
-      const { name, version, license } = JSON.parse(await readFile(join(folder, "package.json"), "utf8"));
-      const files = (await readdir(folder)).filter((file) => /^licen[cs]e/i.test(file));
-      const own = await Promise.all(files.map((file) => readFile(join(folder, file), "utf8")));
-      return [`${name} ${version} (${license})`, ...own.map((text) => text.trim())].join("\n\n");
-    }),
-  );
-  await writeFile(join(outdir, "licences.txt"), `${texts.join(`\n\n${"-".repeat(80)}\n\n`)}\n`);
 }
 
 await Promise.all([
@@ -154,4 +144,5 @@ await Promise.all([
   ...Object.entries(WIDGETS).map(([name, paths]) => bundled(name, paths, "esm")),
   ...Object.entries(PAGES).map(([name, paths]) => bundled(name, paths, "iife")),
 ]);
-await writeLicences();
+const licences = await licencesOf(packages);
+for (const file of [join(outdir, "licences.txt"), join(here, "licences.txt")]) await writeFile(file, licences);

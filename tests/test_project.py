@@ -6,12 +6,14 @@ import ast
 import importlib
 import inspect
 import json
+import os
 import re
 import shutil
 import subprocess
 import sys
 import textwrap
 import tomllib
+import zipfile
 from collections.abc import Callable, Container, Iterator
 from functools import cache
 from graphlib import TopologicalSorter
@@ -740,14 +742,52 @@ def test_forms_of_issues_have_fields(name: str) -> None:
 # -- what comes along --------------------------------------------------------------------------------------------------
 
 
+_HEADING = re.compile(r"^([@a-z][\w@/.-]*) \d[\w.]* \(([^)]+)\)$", re.MULTILINE)  # of a text: name, version (licence)
+
+
 def test_the_notice_names_every_package_whose_scripts_are_in_the_bundles() -> None:
-    licences = (PACKAGE / "widgets" / "static" / "licences.txt").read_text(encoding="utf-8")
-    packages = dict(re.findall(r"^([@a-z][\w@/.-]*) \d[\w.]* \(([^)]+)\)$", licences, re.MULTILINE))
+    packages = dict(_HEADING.findall((PACKAGE / "widgets" / "static" / "licences.txt").read_text(encoding="utf-8")))
     notice = (ROOT / "NOTICE").read_text(encoding="utf-8")
     rows = re.findall(r"^((?:BSD|ISC|MIT|Apache)[\w.-]*): ((?:.|\n {2})*)\.$", notice, re.MULTILINE)
     named = {name.strip(): licence for licence, names in rows for name in names.split(",")}
     assert named == packages
-    assert "NOTICE" in PROJECT["license-files"]
+
+
+def test_every_package_in_the_bundles_has_its_copyright_and_the_text_of_its_licence() -> None:
+    key_sentences = {
+        "BSD-2-Clause": ("Redistributions in binary form must reproduce the above copyright notice",),
+        "BSD-3-Clause": (
+            "Redistributions in binary form must reproduce the above copyright notice",
+            "Neither the name",
+        ),
+        "ISC": ("Permission to use, copy, modify, and/or distribute this software for any purpose",),
+        "MIT": ("Permission is hereby granted, free of charge, to any person", "shall be included in all copies"),
+    }
+    texts = (PACKAGE / "widgets" / "static" / "licences.txt").read_text(encoding="utf-8").split(f"\n{'-' * 80}\n")
+    counted = 0
+    for text in texts:
+        names, words = _HEADING.findall(text), " ".join(text.split()).replace("and distribute", "and/or distribute")
+        counted += len(names)
+        assert names, text[:200]
+        for name, licence in names:
+            assert [key for key in key_sentences[licence] if key not in words] == [], name
+        lines = re.findall(r"^ *Copyright (?:\(c\) |\d{4}|OpenJS)\S*.*\w", text, re.MULTILINE | re.IGNORECASE)
+        assert lines, names
+    assert counted >= 40
+    assert (ROOT / "frontend" / "licences.txt").read_text(encoding="utf-8") == f"\n{'-' * 80}\n".join(texts)
+
+
+def test_a_wheel_has_the_licences_of_what_is_bundled(tmp_path: Path) -> None:
+    assert PROJECT["license-files"] == ["LICENSE", "NOTICE", "frontend/licences.txt"]
+    pytest.importorskip("hatchling", reason="hatchling builds wheels: pip install hatchling")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(command, cwd=ROOT, env={**os.environ, "DEFORMNB_NATIVE": "off"}, check=True, capture_output=True)
+    (wheel,) = tmp_path.iterdir()
+    with zipfile.ZipFile(wheel) as archive:
+        folder = f"{'-'.join(wheel.name.split('-')[:2])}.dist-info"
+        for name in PROJECT["license-files"]:
+            assert archive.read(f"{folder}/licenses/{name}") == (ROOT / name).read_bytes()
+            assert f"License-File: {name}" in archive.read(f"{folder}/METADATA").decode().splitlines()
 
 
 def test_the_notice_names_what_every_picture_shows_and_its_licence() -> None:

@@ -63,7 +63,7 @@ def is_stale() -> bool:
 def digest() -> str:
     """SHA-256 of the names and the text of all sources."""
     found = hashlib.sha256()
-    for path in sorted([FRONT_END / "build.mjs", *SOURCES.rglob("*"), *SHADERS.rglob("*")]):
+    for path in sorted([*FRONT_END.glob("*.mjs"), *SOURCES.rglob("*"), *SHADERS.rglob("*")]):
         if path.suffix in (".ts", ".mjs", ".css", ".glsl"):
             found.update(f"{path.relative_to(FRONT_END.parent).as_posix()}\n".encode() + path.read_bytes() + b"\0")
     return found.hexdigest()
