@@ -35,15 +35,16 @@ def test_every_row_has_another_program_or_says_that_it_has_none() -> None:
 
 
 def test_a_test_holds_every_figure() -> None:
-    """Search the words of tests that request it; volumes are compared exactly, in test files that name the program."""
+    """Search the words of tests that request it; a 0 of volumes is held in test files that name the program."""
     sources = "".join(path.read_text(encoding="utf-8") for path in sorted(Path(__file__).parent.rglob("test_*.py")))
     asked = set(re.findall(r'bound\("(\w+)", "([^"]+)", "([^"]+)"\)', sources))
     stated = {
-        (row.kind, row.format, row.program) for row in table() if row.difference is not None and row.kind != "volumes"
+        (row.kind, row.format, row.program)
+        for row in table()
+        if row.difference is not None and (row.kind != "volumes" or row.difference > 0)
     }
     assert asked == stated
     for row in table():
         if row.kind == "volumes" and row.difference is not None:
-            assert row.difference == 0
             assert row.program.lower().split(",")[0].removeprefix("py") in sources.lower()
     assert DOCUMENT.name in (DOCUMENT.parents[1] / "README.md").read_text(encoding="utf-8")

@@ -669,7 +669,11 @@ def write_pages(
 
 
 def _resolution(grid: Grid) -> dict[str, Any]:
-    """Pixels of a centimetre, as tifffile takes them; nothing where a rational of 32 bits cannot hold their number."""
+    """Pixels of a centimetre, as tifffile takes them; nothing where a rational of 32 bits cannot hold their number.
+
+    Programs that do not know OME, such as ITK, have the lengths of pixels from here; TIFF has no field for the distance
+    of slices. Lengths of an unknown unit count as millimetres.
+    """
     across = tuple(ratio("cm", grid.unit or "mm") / length for length in grid.spacing[:2])
     held = all(1 / _MOST_RATIONAL < count < _MOST_RATIONAL for count in across)
     return {"resolution": across, "resolutionunit": "CENTIMETER"} if held else {}

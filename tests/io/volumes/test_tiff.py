@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from format_table import bound
 
 from deformnb.errors import VolumeFileError
 from deformnb.io import (
@@ -24,6 +25,7 @@ from deformnb.io import (
 )
 from deformnb.io.volumes.tiff import read_header
 from deformnb.volume.channels import Channels
+from deformnb.volume.units import ratio
 from deformnb.volume.volume import Grid, Volume
 
 tifffile = pytest.importorskip("tifffile")
@@ -488,10 +490,33 @@ def test_ome_tiff_is_read_by_other_programs_as_it_was_written(tmp_path: Path) ->
     read = read_channels(path)
     assert (read.names, read.colours, read.grid) == (stained.names, stained.colours, grid)
     np.testing.assert_array_equal(read.values, values)
+
+
+@pytest.mark.parametrize("unit", ["mm", "\u00b5m", "nm", "m", ""])
+@pytest.mark.parametrize("moments", [1, 3])
+def test_simpleitk_reads_pages_and_lengths_of_pixels(unit: str, moments: int, tmp_path: Path) -> None:
     sitk = pytest.importorskip("SimpleITK")
-    image = sitk.ReadImage(str(path))  # which knows pages, and of their sizes the x and the y
-    np.testing.assert_array_equal(sitk.GetArrayFromImage(image).reshape(2, 4, 5, 6), np.moveaxis(values, -1, 0))
-    np.testing.assert_allclose(image.GetSpacing()[:2], (0.5, 1.25), rtol=1e-5)
+    limit = bound("volumes", "tiff", "SimpleITK, lengths of pixels along x and y")
+    path, grid = tmp_path / "a.ome.tif", Grid((4, 5, 6), (0.3, 1.234567, 3.0), (1.0, 2.0, 3.0), unit=unit)
+    values = np.random.default_rng(3).integers(0, 60000, (moments, 4, 5, 6)).astype(np.uint16)
+    if moments == 1:
+        write_volume(Volume(values[0], grid), path)
+    else:
+        write_series((Volume(one, grid) for one in values), path, moments)
+    image = sitk.ReadImage(str(path))
+    np.testing.assert_array_equal(sitk.GetArrayFromImage(image).reshape(values.shape), values)
+    lengths = np.array(grid.spacing[:2]) * ratio(unit, "mm")
+    np.testing.assert_allclose(image.GetSpacing()[:2], lengths, rtol=limit)
+    # What no field of TIFF states and ITK does not take from OME, as the documentation says of it.
+    assert (image.GetSpacing()[2], image.GetOrigin()) == (1.0, (0.0, 0.0, 0.0))
+    with tifffile.TiffFile(path) as file:
+        [pixels] = ElementTree.fromstring(file.ome_metadata).iterfind(".//{*}Pixels")
+        resolution = [np.divide(*file.pages[0].tags[f"{axis}Resolution"].value) for axis in "XY"]
+        assert file.pages[0].tags["ResolutionUnit"].value == 3  # centimetre
+    stated = [(float(pixels.get(f"PhysicalSize{axis}")), pixels.get(f"PhysicalSize{axis}Unit")) for axis in "XYZ"]
+    assert stated == [(length, unit or "reference frame") for length in grid.spacing]
+    np.testing.assert_allclose(10 / np.array(resolution), lengths, rtol=1e-9)
+    assert open_series(path).grid == grid
 
 
 @pytest.mark.parametrize("kind", ["channels", "rgb", "rgba"])
