@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from pathlib import Path
 from typing import Any
@@ -16,11 +15,6 @@ from deformnb.io import write_volume
 from deformnb.io.documents import write_deformation
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Volume
-
-
-def remarks(stderr: str) -> str:
-    """Standard error without the lines of finished work, which only a slow machine shows: "deform it      2 s"."""
-    return "".join(line for line in stderr.splitlines(keepends=True) if not re.fullmatch(r"\S.* +\d+ s\n", line))
 
 
 def small_folder(folder: Path) -> Path:

@@ -6,7 +6,8 @@ import importlib.metadata
 import os
 import platform
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,12 @@ def report(checks: list[Check]) -> str:
         if not c.works and c.remedy:
             lines.append(f"{'':9}{'':{wide}}  -> {c.remedy}")
     return "\n".join(lines)
+
+
+def as_records(checks: list[Check]) -> dict[str, Any]:
+    """The checks as values of JSON; a remedy is None where the part works."""
+    rows = [{**asdict(check), "remedy": None if check.works else check.remedy or None} for check in checks]
+    return {"deformnb": _version("deformnb"), "checks": rows}
 
 
 def _version(name: str) -> str | None:

@@ -1,6 +1,7 @@
 """Command line ``deformnb``: demo, app, page, lab, lesson, warp, transform, replay, info, datasets, doctor.
 
-Errors are one sentence on standard error and exit code 2; Ctrl-C is 130. Work of more than a second shows a bar.
+Errors are one sentence on standard error and exit code 2, with ``--json`` too; Ctrl-C is 130. Work of more than a
+second shows a bar on a terminal, and nothing in a file or a pipe.
 """
 
 from __future__ import annotations
@@ -11,14 +12,17 @@ import os
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
+from deformnb.cli.info import add_info
+from deformnb.cli.output import add_json, print_json
 from deformnb.cli.transform import add_transform
 from deformnb.cli.warp import add_replay, add_spacing, add_warp, note, read_input, stages
 from deformnb.devices import add_device
-from deformnb.errors import Cancelled, DeformError, UnknownKindError
+from deformnb.errors import Cancelled, DeformError
 
 if TYPE_CHECKING:
     from deformnb.app.start import StartServer
@@ -31,6 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     given = sys.argv[1:] if arguments is None else list(arguments)
     parser = _parser()
+    _complete(parser)
     if not given:
         parser.print_help(sys.stderr)
         return EXIT_ERROR
@@ -66,6 +71,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         return _fail(f"unexpected {type(error).__name__}: {error} (--traceback before the command shows where).")
     return 0
+
+
+def _complete(parser: argparse.ArgumentParser) -> None:
+    """Print what may follow in a line, and end, if that is what the script of argcomplete in a shell asks for."""
+    if "_ARGCOMPLETE" not in os.environ:
+        return
+    try:
+        import argcomplete
+    except ImportError:
+        return
+    argcomplete.autocomplete(parser)
 
 
 def _end_output() -> None:
@@ -124,7 +140,7 @@ def _parser() -> argparse.ArgumentParser:
         add_warp,
         add_transform,
         add_replay,
-        _add_info,
+        add_info,
         _add_datasets,
         _add_doctor,
     ):
@@ -200,23 +216,18 @@ def _add_page(commands: Commands) -> None:
     p.set_defaults(run=_page)
 
 
-def _add_info(commands: Commands) -> None:
-    what = "describe a file: a volume, a session, a transform, a mesh or landmarks"
-    p = commands.add_parser("info", help=what, description=f"{what.capitalize()}.")
-    p.add_argument("file", help="a volume, a folder of slices, a session (.json), a transform, a mesh or landmarks")
-    p.set_defaults(run=_info)
-
-
 def _add_datasets(commands: Commands) -> None:
     what = "list the real volumes with their credits, or fetch one"
     p = commands.add_parser("datasets", help=what, description=f"{what.capitalize()}.")
     p.add_argument("name", nargs="?", help="the one to download; prints where it is then (default: list all)")
+    add_json(p)
     p.set_defaults(run=_datasets)
 
 
 def _add_doctor(commands: Commands) -> None:
     what = "list the parts that work on this machine and what to install for the others"
     p = commands.add_parser("doctor", help=what, description=f"{what.capitalize()}.")
+    add_json(p)
     p.set_defaults(run=_doctor)
 
 
@@ -349,56 +360,30 @@ def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
                 folder.rmdir()
 
 
-def _info(options: argparse.Namespace) -> None:
-    from deformnb.io import describe_file
-    from deformnb.io.transforms.remarks import read_remark
-
-    path = Path(options.file)
-    try:  # first, since it does without JAX
-        rows = _describe_transform(path) if read_remark(path) else describe_file(path).rows()
-    except UnknownKindError as error:
-        rows = _describe_other(path, error)
-    wide = max(len(key) for key in rows)
-    print("\n".join(f"{key:{wide}}  {value}" for key, value in rows.items()))
-
-
-def _describe_transform(path: Path) -> dict[str, str]:
-    from deformnb.io.transforms.formats import describe_transform
-
-    return describe_transform(path)
-
-
-def _describe_other(path: Path, error: UnknownKindError) -> dict[str, str]:
-    """Describe a file that is no volume, as the error suggests."""
-    from deformnb.io.documents import describe_document
-    from deformnb.io.landmarks.formats import describe_landmarks, is_landmarks, landmark_suffixes
-    from deformnb.io.meshes.formats import describe_mesh, is_mesh, mesh_suffixes
-    from deformnb.io.transforms.formats import is_transform_file, transform_suffixes
-
-    if is_transform_file(path):
-        return _describe_transform(path)
-    if is_landmarks(path):
-        return describe_landmarks(path)
-    if is_mesh(path):
-        return describe_mesh(path)
-    if path.suffix.lower() == ".json" and not path.is_dir():
-        return describe_document(path)
-    raise DeformError(
-        f"{error} Surfaces ({mesh_suffixes()}), landmarks ({landmark_suffixes()}), transforms "
-        f"({transform_suffixes()}) and sessions (.json) are known too."
-    ) from None
-
-
 def _datasets(options: argparse.Namespace) -> None:
     from deformnb import datasets
 
-    print(datasets.credits() if options.name is None else datasets.fetch(options.name, progress=sys.stderr.isatty()))
+    if options.name is None:
+        if options.json:
+            print_json({"datasets": [{"name": name, **asdict(row)} for name, row in datasets.DATASETS.items()]})
+        else:
+            print(datasets.credits())
+        return
+    path = datasets.fetch(options.name, progress=sys.stderr.isatty())
+    if options.json:
+        print_json({"name": options.name, "path": str(path)})
+    else:
+        print(path)
 
 
-def _doctor(_: argparse.Namespace) -> None:
-    from deformnb.cli.doctor import doctor, report
+def _doctor(options: argparse.Namespace) -> None:
+    from deformnb.cli.doctor import as_records, doctor, report
 
-    print(report(doctor()))
+    checks = doctor()
+    if options.json:
+        print_json(as_records(checks))
+    else:
+        print(report(checks))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from deformnb.cli.session_input import STANDARD_INPUT, read_session, refuse_pipes
 from deformnb.cli.warp import add_spacing, note, stages
 from deformnb.devices import add_device
 from deformnb.errors import DeformError
@@ -24,7 +25,9 @@ def add_transform(commands: Any) -> None:
         description="""Write the deformation of a session as a transform file, or one transform file as another. It maps
         backward: places of the result to places of the input, as resampling programs expect.""",
     )
-    p.add_argument("session", help="a document written by deformnb (.json), or a transform file")
+    p.add_argument(
+        "session", help="a document written by deformnb (.json; - is one from standard input), or a transform file"
+    )
     p.add_argument("volume", help="the volume that is deformed; its voxels are the samples of the displacements")
     p.add_argument(
         "output",
@@ -50,20 +53,20 @@ def add_transform(commands: Any) -> None:
 
 
 def _transform(options: argparse.Namespace) -> None:
-    from deformnb.io.documents import read_deformation
     from deformnb.io.transforms.formats import check_transform_target, is_transform, read_transform, write_transform
     from deformnb.io.transforms.remarks import read_remark
     from deformnb.session.inputs import grid_of_file
     from deformnb.warping.inverse import invert
 
+    refuse_pipes((options.volume, options.output))
     grid, direction = grid_of_file(options.volume, options.spacing), "backward"
-    if is_transform(options.session, images=True):
+    if options.session != STANDARD_INPUT and is_transform(options.session, images=True):
         if options.strength != 1:
             raise DeformError("--strength is for sessions, and a transform file is none.")
         field = read_transform(options.session, grid)
         direction = read_remark(Path(options.session)).partition(":")[0] or direction
     else:
-        document = read_deformation(options.session)
+        document = read_session(options.session)
         note(*document.notes(grid))
         own = document.own_grid(grid)
         if own != grid:

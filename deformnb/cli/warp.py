@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deformnb._progress import remaining_time
+from deformnb.cli.session_input import STANDARD_INPUT, read_session, refuse_pipes
 from deformnb.devices import add_device
 from deformnb.errors import DeformError
 
@@ -43,10 +44,10 @@ def note(*notes: str) -> None:
 def stages() -> Iterator[Stage]:
     """A function that begins a piece of work by name and returns the function that receives its progress.
 
-    Work of more than a second shows a progress bar; where standard error is a file or a pipe, a line when it is done.
+    Work of more than a second shows a progress bar; nothing where standard error is a file or a pipe.
     """
-    make = StageBar if sys.stderr.isatty() else StageLine
-    current: list[StageBar | StageLine] = []
+    make = StageBar if sys.stderr.isatty() else SilentStage
+    current: list[StageBar | SilentStage] = []
 
     def stage(name: str) -> Callable[[float], None]:
         while current:
@@ -56,11 +57,9 @@ def stages() -> Iterator[Stage]:
 
     try:
         yield stage
-        while current:
-            current.pop().finish()
     finally:
         while current:
-            current.pop().abandon()
+            current.pop().finish()
 
 
 class StageBar:
@@ -86,25 +85,18 @@ class StageBar:
     def finish(self) -> None:
         self._bar.close()
 
-    abandon = finish
 
-
-class StageLine:
-    """A line for logs when work of more than a second is done."""
+class SilentStage:
+    """Work whose progress nobody watches: a file or a pipe holds notes and errors alone."""
 
     def __init__(self, name: str) -> None:
-        self.name, self._start = name, time.monotonic()
+        self.name = name
 
     def move(self, share: float) -> None:
-        """A log needs no bars."""
+        """Take the progress."""
 
     def finish(self) -> None:
-        elapsed = time.monotonic() - self._start
-        if elapsed > _PATIENCE:
-            print(f"{self.name:28} {elapsed:4.0f} s", file=sys.stderr)
-
-    def abandon(self) -> None:
-        """End the line of work that was not finished."""
+        """End the work."""
 
 
 # Options for voxels only: (option, its default value).
@@ -130,7 +122,7 @@ def add_warp(commands: Any) -> None:
     )
     p.add_argument(
         "session",
-        help="a document written by deformnb (.json), or a transform (.tfm .h5 .nii.gz "
+        help="a document written by deformnb (.json; - is one from standard input), or a transform (.tfm .h5 .nii.gz "
         ".nrrd .mha .mat .txt .zarr) of ITK, ANTs, elastix or OME-NGFF",
     )
     p.add_argument(
@@ -196,11 +188,11 @@ def add_spacing(p: argparse.ArgumentParser) -> None:
 
 
 def _warp(options: argparse.Namespace) -> None:
-    from deformnb.io.documents import read_deformation
     from deformnb.io.landmarks.formats import is_landmarks
     from deformnb.io.meshes.formats import is_mesh
     from deformnb.io.transforms.formats import is_transform
 
+    refuse_pipes((options.input, options.output))
     given, target = Path(options.input), Path(options.output)
     follows = _follow_mesh if is_mesh(given) else _follow_landmarks if is_landmarks(given) else None
     if follows is None:
@@ -209,15 +201,16 @@ def _warp(options: argparse.Namespace) -> None:
         _check_output(target, force=options.force)
     else:
         _check_follower(options, target)
-    if Path(options.session).suffix.lower() != ".json" and given.suffix.lower() == ".json":
+    is_piped = options.session == STANDARD_INPUT
+    if not is_piped and Path(options.session).suffix.lower() != ".json" and given.suffix.lower() == ".json":
         raise DeformError(
             f"the session comes first: deformnb warp {given.name} {Path(options.session).name} {target.name}."
         )
-    if is_transform(options.session, images=True):
+    if not is_piped and is_transform(options.session, images=True):
         _apply_transform(options, follows)
         print(target)
         return
-    document = read_deformation(options.session)
+    document = read_session(options.session)
     with stages() as stage:
         if options.strength != 1:
             document = document.scaled(options.strength)
@@ -595,7 +588,7 @@ def add_replay(commands: Any) -> None:
         description="""Apply a session to many volumes, meshes and landmarks. Progress is stored next to the
         results: run it again after a stop or an error, and only missing or outdated results are computed.""",
     )
-    p.add_argument("session", help="a document written by deformnb (.json)")
+    p.add_argument("session", help="a document written by deformnb (.json); - is one from standard input")
     p.add_argument("inputs", nargs="+", metavar="INPUT", help="files, or folders whose files are meant")
     p.add_argument("--out", required=True, metavar="FOLDER", help="folder of the results; made if it is not there")
     p.add_argument(
@@ -618,12 +611,13 @@ def add_replay(commands: Any) -> None:
 
 
 def _replay(options: argparse.Namespace) -> None:
-    from deformnb.io.documents import check_json_target, read_deformation
+    from deformnb.io.documents import check_json_target
     from deformnb.io.files.atomic import atomic_write, check_target
     from deformnb.session.batch import as_rows, replay, summary
 
+    refuse_pipes((*options.inputs, options.out))
     _check(options)
-    document = read_deformation(options.session)
+    document = read_session(options.session)
     if options.strength != 1:
         document = document.scaled(options.strength)
     if options.summary:

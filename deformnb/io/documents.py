@@ -141,8 +141,12 @@ def check_json_target(path: str | PathLike[str], what: str) -> None:
 
 def describe_document(path: str | PathLike[str]) -> dict[str, str]:
     """Describe a document for people: its edits, and the volume on which they were made."""
-    deformation = read_deformation(path)
-    rows = {"file": printable(path), "kind": "deformation", "name": printable(deformation.name) or "(none)"}
+    return describe_deformation(read_deformation(path), printable(path))
+
+
+def describe_deformation(deformation: Deformation, name: str) -> dict[str, str]:
+    """Describe a deformation for people, under the name of its file."""
+    rows = {"file": name, "kind": "deformation", "name": printable(deformation.name) or "(none)"}
     if deformation.volume is not None:
         v = deformation.volume
         voxels = " x ".join(str(n) for n in v.shape[::-1])
