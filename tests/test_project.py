@@ -169,7 +169,7 @@ def test_conda_environment_equals_the_requirements() -> None:
 @pytest.mark.parametrize(
     ("folder", "extras"),
     [
-        ("deformnb", ["formats", "interop", "large", "movie", "notebook"]),
+        ("deformnb", ["completion", "formats", "interop", "large", "movie", "notebook"]),
         ("lessons", []),
         ("tests", ["test", "peers", "cross-build"]),
         ("benchmarks", ["benchmark", "gpu-benchmark"]),
@@ -183,7 +183,7 @@ def test_everything_imported_is_required(folder: str, extras: list[str]) -> None
 
 
 def test_everything_required_is_imported() -> None:
-    assert set(_requirements("formats", "interop", "large", "movie")) - _imported(PACKAGE) == set()
+    assert set(_requirements("completion", "formats", "interop", "large", "movie")) - _imported(PACKAGE) == set()
 
 
 def test_doctor_looks_for_what_is_required() -> None:

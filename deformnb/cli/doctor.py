@@ -30,6 +30,7 @@ OPTIONAL = {
     "xarray": ("xarray's arrays", "interop"),
     "imageio-ffmpeg": ("MP4 movies", "movie"),
     "jupyterlab": ("notebooks in the browser", "notebook"),
+    "argcomplete": ("completion of commands in a shell", "completion"),
 }
 """Optional packages: purpose and extra of each."""
 

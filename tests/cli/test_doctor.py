@@ -62,7 +62,7 @@ def test_a_missing_extra_says_what_does_not_work_and_what_brings_it(name: str, w
 def test_optional_packages_are_in_their_extras() -> None:
     for name, (use, extra) in module.OPTIONAL.items():
         assert use
-        assert extra in ("formats", "interop", "large", "movie", "notebook"), name
+        assert extra in ("completion", "formats", "interop", "large", "movie", "notebook"), name
 
 
 def test_what_is_broken_is_one_line_and_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
