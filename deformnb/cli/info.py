@@ -121,6 +121,8 @@ def volume_facts(found: FileDescription) -> dict[str, Any]:
         "file": found.name,
         "format": found.format,
         "voxels": list(grid.shape[::-1]),
+        "moments": found.moments,
+        "channels": found.channels,
         "type": str(found.dtype),
         "spacing": list(grid.spacing),
         "origin": list(grid.origin),

@@ -20,9 +20,10 @@ import deformnb
 from deformnb.cli.main import main
 from deformnb.datasets import DATASETS
 from deformnb.document.deformation import Deformation
-from deformnb.io import read_volume, write_landmarks, write_mesh, write_transform
+from deformnb.io import read_volume, write_landmarks, write_mesh, write_series, write_transform
 from deformnb.io.documents import read_deformation, write_deformation
 from deformnb.rbf.fields import Identity
+from deformnb.volume.channels import Channels
 from deformnb.warping.mesh import Mesh
 from deformnb.warping.points import Landmarks
 
@@ -83,7 +84,17 @@ def test_info_of_each_kind_has_the_documented_keys(
         np.testing.assert_array_equal(found["direction"], np.eye(3))
 
 
-def test_a_session_without_a_volume_and_in_space(
+def test_info_counts_moments_and_channels(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = np.zeros((3, 4, 5, 6, 2), np.uint8)
+    write_series((Channels.from_array(one, names=("a", "b")) for one in values), tmp_path / "a.ome.tif", 3)
+    found = printed("info a.ome.tif --json", tmp_path, monkeypatch, capsys)
+    assert (found["moments"], found["channels"], found["voxels"]) == (3, 2, [6, 5, 4])
+    assert found["memory_bytes"] == values.nbytes
+
+
+def test_a_session_without_a_volume(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_deformation(Deformation(), tmp_path / "empty.json")

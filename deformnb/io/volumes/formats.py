@@ -139,6 +139,7 @@ class FileDescription:
     memory_bytes : of the loaded voxels.
     notes : remarks.
     value_range : smallest and largest finite value, None if the voxels were not read.
+    moments, channels : number of volumes of this grid that the file has; one moment and one channel of most.
 
     Examples
     --------
@@ -158,6 +159,8 @@ class FileDescription:
     memory_bytes: int
     notes: tuple[str, ...]
     value_range: tuple[float, float] | None = None
+    moments: int = 1
+    channels: int = 1
 
     def rows(self) -> dict[str, str]:
         """The same for people, as a table of texts."""
@@ -410,6 +413,8 @@ def describe_file(
         grid.size * dtype.itemsize * layout.frames * layout.channels,
         volume.notes if volume else header.notes + notes,
         volume.value_range if volume else None,
+        layout.frames,
+        layout.channels,
     )
 
 
