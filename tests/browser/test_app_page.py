@@ -371,7 +371,7 @@ def test_keys_fold_a_section(tab: Tab) -> None:
         tab.page.wait_for_function(
             "([heading, wanted]) => heading.ariaExpanded === wanted", arg=[heading.element_handle(), str(opens).lower()]
         )
-        assert tab.page.locator(".dnb-pt-bar").is_visible() == opens
+        tab.page.locator(".dnb-pt-bar").wait_for(state="visible" if opens else "hidden")
 
 
 def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> None:

@@ -365,6 +365,24 @@ def test_following_again_and_another_volume_keep_the_connection(page: LivePage) 
     assert column(page.pixels()) - start > 9
 
 
+def test_a_quick_picture_ends_where_another_volume_is_on_its_way(page: LivePage) -> None:
+    open_view(page)
+    # The next piece of a picture begins when the GPU has ended one: by then the voxels may be those of no volume yet.
+    found = page.page.evaluate(f"""() => {{
+      const {{ loop, caster }} = {VIEW}, {{ volume }} = caster.voxels, cast = caster.cast;
+      let casts = 0;
+      caster.cast = () => {{ casts += 1; }};
+      const pieces = [{{ picture: loop.screen.choosePictures([24, 24])[0], tile: [0, 0, 24, 8] }}];
+      loop.rush = {{ pieces, size: [24, 24], inputs: [], coarseness: 2, layers: [], start: 0, spent: 0, inFlight: 1 }};
+      volume.loaded = false;
+      const isWhole = loop.finishPiece(loop.rush, 5), isOver = loop.rush === null;
+      volume.loaded = true;
+      caster.cast = cast;
+      return [isWhole, isOver, casts];
+    }}""")
+    assert found == [False, True, 0]
+
+
 def test_fields_come_no_faster_than_the_page_draws_them(page: LivePage) -> None:
     view = open_view(page)
     view.fields.pacer.patience = 60.0

@@ -467,15 +467,22 @@ export class FrameLoop {
     const { picture, tile } = piece;
     this.caster.cast(`coarse${picture.layer}`, ...rush.size, picture, { coarseness: rush.coarseness, tile });
     rush.inFlight += 1;
-    this.turns.wait((ms) => {
-      rush.inFlight -= 1;
-      rush.spent += Math.max(0, ms - HEARD_MS);
-      if (this.rush !== rush) return false;
-      if (rush.pieces.length > 0) this.#piece(rush); // the GPU does not wait for the page between two of them
-      if (rush.inFlight > 0) return false;
-      this.#finishRush(rush);
-      return true;
-    });
+    this.turns.wait((ms) => this.finishPiece(rush, ms));
+  }
+
+  /** Go on after a piece that the GPU has ended; returns whether the picture is whole. */
+  finishPiece(rush: Rush, ms: number) {
+    rush.inFlight -= 1;
+    rush.spent += Math.max(0, ms - HEARD_MS);
+    if (this.rush !== rush) return false;
+    if (!this.caster.isReady) {
+      this.rush = null; // another volume is on its way, which will be drawn whole
+      return false;
+    }
+    if (rush.pieces.length > 0) this.#piece(rush); // the GPU does not wait for the page between two of them
+    if (rush.inFlight > 0) return false;
+    this.#finishRush(rush);
+    return true;
   }
 
   #finishRush(rush: Rush) {
