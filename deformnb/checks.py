@@ -14,7 +14,7 @@ from dataclasses import fields
 from functools import cache, partial, wraps
 from inspect import signature
 from pathlib import Path
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -284,7 +284,11 @@ def _checked_arguments(function: Any) -> tuple[tuple[int | None, str, Any, _Conf
 def _is_plain(hint: Any) -> bool:
     if get_origin(hint) in (Union, types.UnionType):
         return all(map(_is_plain, get_args(hint)))
-    return hint in _PLAIN or (isinstance(hint, type) and hint.__module__.startswith("deformnb"))
+    return (
+        hint in _PLAIN
+        or get_origin(hint) is Literal
+        or (isinstance(hint, type) and hint.__module__.startswith("deformnb"))
+    )
 
 
 _WRONG: Any = object()
@@ -305,6 +309,8 @@ def _conforming(hint: Any) -> _Conform:
     origin, among = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         return partial(_conform_first, tuple(map(_conforming, among)))
+    if origin is Literal:  # its owner names the words among which one may choose
+        return _plain_text
     if origin is tuple:
         is_long = among[1:] == (...,)
         return partial(_conform_tuple, tuple(map(_conforming, among[: 1 if is_long else None])), is_long)
@@ -394,7 +400,9 @@ def _describe_hint(hint: Any) -> str:
     if origin is np.ndarray:
         return "an array"
     if origin in (Union, types.UnionType):
-        return " or ".join(_describe_hint(one) for one in among)
+        return " or ".join(dict.fromkeys(map(_describe_hint, among)))
+    if origin is Literal:
+        return _WORDS[str]
     if origin is tuple:
         count = "" if among[1:] == (...,) else f"{len(among)} "
         one = among[0]

@@ -28,9 +28,9 @@ from deformnb.rbf.conditioning import PreparedPoints, prepare
 from deformnb.rbf.evaluation import capacity, few_sizes
 from deformnb.rbf.fitting import fit_one_system
 from deformnb.rbf.interpolant import RBFInterpolant
-from deformnb.rbf.kernels import AbstractKernel
+from deformnb.rbf.kernels import AbstractKernel, KernelName
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import Span, find_trend, products
+from deformnb.rbf.trends import Span, TrendName, find_trend, products
 
 _BLOCK = 1024  # places at a time: with 32 points their kernel values stay in the second-level cache
 
@@ -119,9 +119,9 @@ class FitSystem:
 def fit_system(
     points: ControlPoints,
     *,
-    kernel: str = "wendland_c2",
+    kernel: KernelName | str = "wendland_c2",
     support: float | None = None,
-    trend: str = "affine",
+    trend: TrendName = "affine",
     smoothing: float = 0.0,
 ) -> FitSystem:
     """Fit points as :func:`~deformnb.rbf.fitting.fit_rbf` does, and store the inverse of the system.
@@ -315,9 +315,9 @@ _variances = jit(_variances_of, static_argnames="kernel")
 def uncertainty(
     points: ControlPoints,
     *,
-    kernel: str = "wendland_c2",
+    kernel: KernelName | str = "wendland_c2",
     support: float | None = None,
-    trend: str = "affine",
+    trend: TrendName = "affine",
     smoothing: float = 0.0,
     sigma: float | None = None,
 ) -> Uncertainty:

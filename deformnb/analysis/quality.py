@@ -27,8 +27,18 @@ from deformnb.analysis.gaussian_process import FitSystem, fit_system, process_sc
 from deformnb.rbf.conditioning import SAME_PLACE, diameter_of, same_place
 from deformnb.rbf.evaluation import capacity
 from deformnb.rbf.fitting import fit_one_system
+from deformnb.rbf.kernels import KernelName
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import THIN_BEND, TRENDS, Span, products, regularize_moments, ridge_of, thin_directions
+from deformnb.rbf.trends import (
+    THIN_BEND,
+    TRENDS,
+    Span,
+    TrendName,
+    products,
+    regularize_moments,
+    ridge_of,
+    thin_directions,
+)
 
 # Points whose leverage comes this near to 1 carry a dimension of the span alone: without them the trend is another.
 _ALONE = 1e-9
@@ -87,9 +97,9 @@ class FitQuality:
 def fit_quality(
     points: ControlPoints,
     *,
-    kernel: str = "wendland_c2",
+    kernel: KernelName | str = "wendland_c2",
     support: float | None = None,
-    trend: str = "affine",
+    trend: TrendName = "affine",
     smoothing: float = 0.0,
 ) -> FitQuality:
     """Assess the fit that :func:`~deformnb.rbf.fitting.fit_rbf` makes of these points.

@@ -22,10 +22,11 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.session.inputs import as_volume_and_channels, best_view, subject_from
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelsLike
+from deformnb.volume.plane import ViewName
 from deformnb.volume.volume import Volume
 from deformnb.widgets.cell_widgets import owned_widgets
 from deformnb.widgets.image_encoding import as_jpeg
-from deformnb.widgets.studio.studio import Studio
+from deformnb.widgets.studio.studio import Studio, ViewKind
 from deformnb.widgets.web.server import PageServer
 from deformnb.widgets.worker import Worker
 
@@ -64,8 +65,8 @@ class Application:
         volume: ChannelsLike,
         deformation: Deformation | None = None,
         *,
-        side: str | None = None,
-        viewer: str = "live",
+        side: ViewName | None = None,
+        viewer: ViewKind = "live",
         folder: str | PathLike[str] = ".",
         language: str | None = None,
     ) -> None:
@@ -133,7 +134,7 @@ def synthetic_carp(progress: Callable[[float], None] | None = None) -> Volume:
     return PHANTOMS["fish"].make(progress=progress)
 
 
-def still_of(volume: ChannelsLike, side: str | None = None) -> str:
+def still_of(volume: ChannelsLike, side: ViewName | None = None) -> str:
     """URL of a picture of a volume, of few pixels, which is seen until a page shows the studio."""
     given, _ = as_volume_and_channels(subject_from(volume))
     picture = project(given, side or best_view(given), method="mip")
@@ -145,8 +146,8 @@ def open_app(
     volume: ChannelsLike,
     deformation: Deformation | None = None,
     *,
-    side: str | None = None,
-    viewer: str = "live",
+    side: ViewName | None = None,
+    viewer: ViewKind = "live",
     host: str = "127.0.0.1",
     port: int = 0,
     browser: bool = True,
@@ -182,8 +183,8 @@ def serve_app(
     deformation: Deformation | None,
     start: StartServer,
     *,
-    side: str | None = None,
-    viewer: str = "live",
+    side: ViewName | None = None,
+    viewer: ViewKind = "live",
     idle: float = IDLE_MINUTES,
     language: str | None = None,
 ) -> None:

@@ -21,7 +21,7 @@ from deformnb.errors import DeformError
 from deformnb.io.files.errors import human_bytes
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
-from deformnb.volume.sampling import METHODS, aligned_empty
+from deformnb.volume.sampling import METHODS, SamplingName, aligned_empty
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.planning import shared_axis
 from deformnb.warping.reach import DisplacementBounds, source_part
@@ -85,7 +85,7 @@ class BlockWarp:
     source: LargeVolume
     field: AbstractField
     output: Grid
-    method: str
+    method: SamplingName
     fill: float
     background: float
     blocks: Blocks
@@ -132,7 +132,7 @@ class BlockWarp:
         return _bytes(self.source, self.method, self.blocks.block, self.window)
 
 
-def _bytes(source: LargeVolume, method: str, block: Shape, window: Shape) -> int:
+def _bytes(source: LargeVolume, method: SamplingName, block: Shape, window: Shape) -> int:
     item = source.dtype.itemsize
     spline = 3 * max(4, item) if METHODS[method].is_spline else 0
     return math.prod(window) * (3 * item + spline) + math.prod(block) * (2 * item + _WORKING_BYTES)
@@ -143,7 +143,7 @@ def plan_blocks(
     field: AbstractField,
     output: Grid,
     *,
-    method: str,
+    method: SamplingName,
     fill: float,
     background: float,
     block: Shape,

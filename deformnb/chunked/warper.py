@@ -20,7 +20,9 @@ from deformnb.errors import DeformError, MissingPackageError
 from deformnb.io.files.memory import check_room, default_limit
 from deformnb.io.files.paths import as_path
 from deformnb.io.volumes import ome_zarr
+from deformnb.io.volumes.ome_zarr import OmeZarrVersion
 from deformnb.rbf.fields import AbstractField, HasField, as_field
+from deformnb.volume.sampling import SamplingName
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_output
 from deformnb.warping.map_checks import fold_note
 from deformnb.warping.planning import as_voxel, check_method, processors
@@ -38,13 +40,13 @@ def warp(
     *,
     output: Grid | VolumeLike | None = None,
     fill: float | None = None,
-    method: str | None = None,
+    method: SamplingName | None = None,
     memory: float | str | None = None,
     client: Any = None,
     workers: int | None = None,
     chunks: Sequence[int] = ome_zarr.CHUNK_SHAPE,
     levels: int | None = None,
-    version: str = "0.5",
+    version: OmeZarrVersion = "0.5",
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Any:

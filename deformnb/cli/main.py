@@ -51,6 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from deformnb.checks import report_notes
 
         with report_notes():
+            _copy_addressed(options)
             options.run(options)
         if sys.stdout is not None:
             sys.stdout.flush()  # here, where a closed pipe is caught
@@ -358,6 +359,18 @@ def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
         if is_new:
             with contextlib.suppress(OSError):  # not empty: its files are complete
                 folder.rmdir()
+
+
+def _copy_addressed(options: argparse.Namespace) -> None:
+    """Replace the addresses of files that are read by the paths of their copies."""
+    from deformnb.io.files.paths import address_of
+
+    for name in ("file", "input", "session", "volume"):
+        given = getattr(options, name, None)
+        if isinstance(given, str) and address_of(given):
+            from deformnb.io.files.addresses import input_path
+
+            setattr(options, name, str(input_path(given)))
 
 
 def _datasets(options: argparse.Namespace) -> None:

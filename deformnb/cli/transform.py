@@ -59,7 +59,8 @@ def _transform(options: argparse.Namespace) -> None:
     from deformnb.warping.inverse import invert
 
     refuse_pipes((options.volume, options.output))
-    grid, direction = grid_of_file(options.volume, options.spacing), "backward"
+    grid = grid_of_file(options.volume, options.spacing)
+    direction: Any = "backward"
     if options.session != STANDARD_INPUT and is_transform(options.session, images=True):
         if options.strength != 1:
             raise DeformError("--strength is for sessions, and a transform file is none.")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeGuard, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -166,6 +166,9 @@ def _inside(source: Floats, target: Floats, room: Floats) -> float:
     return min(_scale_by_area(source, target, room), float(ratio.min()))
 
 
+ScaleName: TypeAlias = Literal["inside", "area", "length"]
+"""Names of the scales of the target grid."""
+
 SCALES: dict[str, Callable[[Floats, Floats, Floats], float]] = {
     "inside": _inside,
     "area": _scale_by_area,
@@ -174,10 +177,16 @@ SCALES: dict[str, Callable[[Floats, Floats, Floats], float]] = {
 """Scales of the target grid relative to the source grid: a factor on Thompson's own drawing, from both grids and the
 width and height of the frame, in pixels of the source's drawing."""
 
-CELLS = ("fill", "square")
+CellRule: TypeAlias = Literal["fill", "square"]
+"""Names of the fits of the source grid to the box."""
+
+CELLS: tuple[CellRule, ...] = get_args(CellRule)
 """Fits of the source grid to the box: stretched over it, or with the proportions of the drawing."""
 
-HEADS = ("left", "right")
+HeadSide: TypeAlias = Literal["left", "right"]
+"""Names of the directions of a head."""
+
+HEADS: tuple[HeadSide, ...] = get_args(HeadSide)
 """Directions in which the head of the fish on the picture points."""
 
 
@@ -298,9 +307,9 @@ def thompson_map(
     *,
     box: PictureBox = (0.0, 1.0, 0.0, 1.0),
     frame: PictureBox | None = None,
-    scale: str = "inside",
-    cells: str = "fill",
-    head: str = "left",
+    scale: ScaleName = "inside",
+    cells: CellRule = "fill",
+    head: HeadSide = "left",
 ) -> ThompsonMap:
     """Place a pair of Thompson's grids, or own grids, on a picture.
 

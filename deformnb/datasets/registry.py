@@ -13,16 +13,16 @@ import shutil
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Literal, TypeAlias
 from urllib.parse import urlsplit
 
 from deformnb._deferred import scipy
 from deformnb._typing import Float3, Progress
 from deformnb.errors import DeformError, VolumeFileError
+from deformnb.io.files.addresses import Meter, download
+from deformnb.io.files.folders import data_home
+from deformnb.io.files.paths import as_path
 from deformnb.volume.volume import Volume
-
-_CHUNK = 1 << 14
-"""Bytes read at a time: about two hundred steps of the bar for the smallest file."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,19 @@ def _knee_mr(pose: str, variable: str) -> Dataset:
         remark="Both scans are in one MATLAB file, which is downloaded once.",
     )
 
+
+DatasetName: TypeAlias = Literal[
+    "carp",
+    "head_ct",
+    "abdomen_ct",
+    "lobster",
+    "knee_labels",
+    "knee_mr_straight",
+    "knee_mr_bent",
+    "horse",
+    "abdomen_labels",
+]
+"""Names of the real volumes."""
 
 DATASETS: dict[str, Dataset] = {
     "carp": Dataset(
@@ -189,15 +202,12 @@ DATASETS: dict[str, Dataset] = {
 
 def data_folder(folder: str | os.PathLike[str] | None = None) -> Path:
     """Folder of the real volumes: ``folder``, else DEFORMNB_DATA, else the user's cache."""
-    chosen = folder or os.environ.get("DEFORMNB_DATA")
-    if chosen:
-        return Path(chosen).expanduser()
-    from platformdirs import user_cache_path
-
-    return user_cache_path("deformnb", appauthor=False) / "data"
+    return as_path(folder) if folder else data_home()
 
 
-def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | os.PathLike[str] | None = None) -> Path:
+def fetch(
+    name: DatasetName, *, progress: bool | Progress | None = None, folder: str | os.PathLike[str] | None = None
+) -> Path:
     """The path of a real volume, downloaded the first time.
 
     Parameters
@@ -258,7 +268,9 @@ def _convert(data: Dataset, source: Path, path: Path) -> None:
     )
 
 
-def load(name: str, *, progress: bool | Progress | None = None, folder: str | os.PathLike[str] | None = None) -> Volume:
+def load(
+    name: DatasetName, *, progress: bool | Progress | None = None, folder: str | os.PathLike[str] | None = None
+) -> Volume:
     """A real volume with its true spacing, downloaded the first time; parameters and errors as :func:`fetch`.
 
     Examples
@@ -279,7 +291,7 @@ def load(name: str, *, progress: bool | Progress | None = None, folder: str | os
 
 
 def find(
-    name: str, shape: tuple[int, int, int] | None = None, *, folder: str | os.PathLike[str] | None = None
+    name: DatasetName, shape: tuple[int, int, int] | None = None, *, folder: str | os.PathLike[str] | None = None
 ) -> tuple[Volume, bool]:
     """A real volume if it is available, else its phantom; prints which.
 
@@ -389,29 +401,9 @@ def _make_room(place: Path, data: Dataset) -> None:
 
 
 def _download(data: Dataset, path: Path, progress: bool | Progress | None) -> None:
-    """Through pooch: into a temporary file next to the target, checked, then renamed; removed on any failure."""
-    import pooch
-
-    # pooch reports each new file on a logger that prints by default; the caller has the bar, or the path.
-    pooch.get_logger().setLevel("ERROR")
-    meter = _Meter(data, progress)
-    opened: list[Any] = []
-    downloader = pooch.HTTPDownloader(
-        progressbar=meter,
-        chunk_size=_CHUNK,
-        timeout=30,
-        hooks={"response": lambda response, **_: opened.append(response)},
-    )
-    try:
-        pooch.retrieve(
-            data.address, known_hash=f"sha256:{data.sha256}", fname=path.name, path=path.parent, downloader=downloader
-        )
-    except ValueError as error:  # raised by pooch where the checksum differs
-        raise OSError("what came is not the published file, its checksum differs") from error
-    finally:
-        meter.close()
-        for response in opened:  # pooch leaves the connection open when anything goes wrong
-            response.close()
+    size = data.size or 0
+    meter = Meter(data.file, size, "the server sends more than the published", progress, size)
+    download(data.address or "", path, meter, f"sha256:{data.sha256}")
 
 
 def _offline_message(name: str, data: Dataset, path: Path, error: OSError) -> str:
@@ -421,42 +413,3 @@ def _offline_message(name: str, data: Dataset, path: Path, error: OSError) -> st
         f"{name} could not be downloaded from {host} ({reason}); save {data.address} as {path} yourself, "
         f"or use {_alternative(data)}."
     )
-
-
-class _Meter:
-    """Progress of a download by pooch: passes it on to a bar or a function, and stops when too many bytes come.
-
-    pooch reports every chunk as a full one, and at the end calls ``reset`` and ``update`` with the length that the
-    server announced; so counts here may run one chunk ahead of the file.
-    """
-
-    def __init__(self, data: Dataset, progress: bool | Progress | None) -> None:
-        self.total = 0  # set by pooch
-        self._size = data.size or 0
-        self._name = data.file
-        self._seen = 0
-        self._tell = progress if callable(progress) else None
-        self._bar: Any = None
-        self._shown = sys.stderr.isatty() if progress is None else progress is True
-
-    def update(self, count: int) -> None:
-        self._seen += count
-        if self._seen >= self._size + _CHUNK:
-            raise OSError(f"the server sends more than the published {self._size:,} bytes")
-        if self._shown:
-            if self._bar is None:  # at the first bytes: without a network there is none
-                from tqdm.auto import tqdm
-
-                self._bar = tqdm(total=self._size, desc=self._name, unit="B", unit_scale=True, leave=False)
-            self._bar.update(count)
-        if self._tell is not None:
-            self._tell(min(1.0, self._seen / self._size))
-
-    def reset(self) -> None:
-        self._seen = 0
-        if self._bar is not None:
-            self._bar.reset()
-
-    def close(self) -> None:
-        if self._bar is not None:
-            self._bar.close()

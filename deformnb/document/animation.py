@@ -14,12 +14,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.checks import check_fields, finite_number
-from deformnb.document.deformation import EASINGS, LOOPS, Deformation, Keyframe, Step
+from deformnb.document.deformation import EASINGS, LOOPS, Deformation, EasingName, Keyframe, LoopName, Step
 from deformnb.document.motion_paths import StepPath, one_map, step_paths
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion, Weights
@@ -161,8 +162,8 @@ class Animation:
     """
 
     deformation: Deformation
-    easing: str = ""
-    loop: str = ""
+    easing: EasingName | Literal[""] = ""
+    loop: LoopName | Literal[""] = ""
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, overload
+from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.checks import check_arguments, check_fields, is_finite, short_value
 from deformnb.document.space_maps import Scale, rescaled_step
 from deformnb.errors import DeformError
-from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, cuts_outside
-from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
+from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, CutRuleName, Decoupled, Sides, cuts_outside
+from deformnb.rbf.extrusion import EXTRUSIONS, ExtrusionName, Weights, extrude
 from deformnb.rbf.fields import AbstractField, AbstractFit, Identity, blend, compose
 from deformnb.rbf.fit_settings import AbstractFitSettings, FitSettings, label_of
 from deformnb.rbf.fitting import check_parts_of_direction, check_stages
@@ -36,7 +36,7 @@ from deformnb.rbf.slits import check_slits
 from deformnb.rbf.support import lone_support
 from deformnb.volume.channels import Channels
 from deformnb.volume.known_spacings import KnownSpacing, older_document
-from deformnb.volume.plane import Plane
+from deformnb.volume.plane import Plane, ViewName
 from deformnb.volume.units import check_unit, ratio
 from deformnb.volume.volume import (
     Grid,
@@ -54,8 +54,14 @@ from deformnb.warping.map_checks import add_cautions, map_notes
 from deformnb.warping.points import Landmarks, warp_points
 from deformnb.warping.warper import volumes_of, warp_all
 
+EasingName: TypeAlias = Literal["linear", "smooth"]
+"""Names of the easings of time."""
+
 EASINGS: dict[str, Callable[[float], float]] = {"linear": lambda t: t, "smooth": lambda t: t * t * (3 - 2 * t)}
 """Easings of time from one key frame to the next, by name: at an even pace, or slowly at both ends."""
+
+LoopName: TypeAlias = Literal["once", "loop", "swing"]
+"""Names of the behaviours after the last key frame."""
 
 LOOPS = {
     "once": "from the first key frame to the last",
@@ -109,7 +115,7 @@ class Step(AbstractFitSettings):
     maps: tuple[ControlPoints, ...] = field(kw_only=False, metadata={"label": "points"})
     plane: Plane | None = None
     _: KW_ONLY
-    extrusion: str = "replicate"
+    extrusion: ExtrusionName = "replicate"
     curve: str | tuple[float, ...] = "z"
     knots: tuple[float, ...] = field(default=(), metadata={"label": "keys"})
     enabled: bool = field(default=True, metadata={"label": "switch"})
@@ -117,7 +123,7 @@ class Step(AbstractFitSettings):
     extra: Mapping[str, Any] = field(default_factory=dict)
     parts: tuple[RigidPart, ...] = field(default=(), metadata={"label": "rigid parts"})
     cuts: tuple[Cut, ...] = ()
-    cut_rule: str = "source"
+    cut_rule: CutRuleName = "source"
 
     def __post_init__(self) -> None:
         for name in ("maps", "knots", "curve", "parts", "cuts"):  # lists too, so that a document equals its file
@@ -474,6 +480,9 @@ class Keyframe:
         check_fields(self)
 
 
+ModeName: TypeAlias = Literal["compose", "blend"]
+"""Names of the ways in which steps add up."""
+
 MODES: dict[str, Callable[..., AbstractField]] = {"compose": compose, "blend": blend}
 """Compositions of several steps into one displacement: one after the other, exactly, or as the sum of all."""
 
@@ -509,10 +518,10 @@ class Deformation:
     name: str = ""
     volume: VolumeReference | None = None
     extra: Mapping[str, Any] = field(default_factory=dict)
-    mode: str = "compose"
+    mode: ModeName = "compose"
     keyframes: tuple[Keyframe, ...] = ()
-    easing: str = "linear"
-    loop: str = "once"
+    easing: EasingName = "linear"
+    loop: LoopName = "once"
     output: Grid | None = None
     unit: str = ""
 
@@ -615,7 +624,7 @@ class Deformation:
 
     @classmethod
     def from_picture_points(
-        cls, grid: Grid | VolumeLike, view: str | Plane, points: ControlPoints, **options: Any
+        cls, grid: Grid | VolumeLike, view: ViewName | Plane, points: ControlPoints, **options: Any
     ) -> Deformation:
         """One step on a picture of a volume.
 

@@ -150,6 +150,7 @@ def from_json(text: str | bytes) -> Deformation:
     keys = tuple(
         Keyframe(k.number("time"), tuple(_step(s) for s in k.items("steps"))) for k in r.items("keyframes", [])
     )
+    usual: dict[str, Any] = {key: r.text(key, value) for key, value in _USUAL.items()}
     return Deformation(
         tuple(steps),
         r.text("name", ""),
@@ -157,7 +158,7 @@ def from_json(text: str | bytes) -> Deformation:
         r.rest(known),
         keyframes=keys,
         output=output,
-        **{key: r.text(key, usual) for key, usual in _USUAL.items()},
+        **usual,
     )
 
 

@@ -148,7 +148,8 @@ def read_part(r: JsonReader) -> RigidPart:
     """The same of a part of a document."""
     motion, region = None, read_region(r.part("region"))
     reach = None if r.data.get("reach") is None else r.number("reach")
-    weight, name, enabled = r.text("weight", "saturated"), r.text("name", ""), r.flag("enabled", True)
+    weight: Any = r.text("weight", "saturated")
+    name, enabled = r.text("name", ""), r.flag("enabled", True)
     pivot = None if r.data.get("pivot") is None else r.numbers("pivot")
     if r.data.get("motion") is not None:
         motion = motion_from_data(r.data["motion"], f"{r.where}.motion")

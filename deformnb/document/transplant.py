@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -41,12 +42,15 @@ def _align_box(deformation: Deformation, grid: Grid) -> Deformation:
     )
 
 
+AlignmentName: TypeAlias = Literal["none", "box"]
+"""Names of the alignments of a document with another volume."""
+
 ALIGNMENTS: dict[str, Callable[[Deformation, Grid], Deformation]] = {"none": _align_nothing, "box": _align_box}
 """Alignments of a document with another volume by name; the first is the default."""
 
 
 @check_arguments
-def transplant(deformation: Deformation, grid: Grid, alignment: str = "none") -> Deformation:
+def transplant(deformation: Deformation, grid: Grid, alignment: AlignmentName = "none") -> Deformation:
     """The document for a volume of another grid; after the alignment "box" it has no volume any more.
 
     Parameters

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Float3, Image, Progress
 from deformnb.imaging.camera import Camera
-from deformnb.imaging.projection import project
+from deformnb.imaging.projection import ProjectionName, project
 from deformnb.imaging.raycast import PerspectiveCamera
 from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Picture
@@ -24,7 +24,7 @@ def draw_core(
     transfer: TransferFunction,
     background: Float3,
     *,
-    projection: str = "shaded",
+    projection: ProjectionName = "shaded",
     spacing: float | None = None,
     part: ClipBox | None = None,
     ambience: Volume | None = None,

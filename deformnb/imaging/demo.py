@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Float3, Stage
-from deformnb.datasets.darcy import ThompsonMap, thompson_grid, thompson_map, thompson_pairs
+from deformnb.datasets.darcy import HeadSide, ThompsonMap, thompson_grid, thompson_map, thompson_pairs
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import draw_pictures
 from deformnb.imaging.projection import project
-from deformnb.volume.plane import Picture, Plane
+from deformnb.imaging.render import RendererName
+from deformnb.volume.plane import Picture, Plane, ViewName
 from deformnb.volume.transfer import otsu_threshold
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import warp_points
@@ -148,8 +149,8 @@ def transform(
     *,
     species: str = "Antigonia",
     source: str | None = None,
-    view: str = "-x",
-    head: str = "left",
+    view: ViewName = "-x",
+    head: HeadSide = "left",
     stage: Stage,
 ) -> Transformation:
     """Transform the animal of a volume into another of Thompson's species.
@@ -218,7 +219,7 @@ def write_pictures(result: Transformation, folder: Path) -> list[Path]:
     return paths
 
 
-def check_demo(species: str, view: str, renderer: str) -> None:
+def check_demo(species: str, view: ViewName, renderer: RendererName) -> None:
     """DeformError for errors that would else be noticed after the work: an unknown name, a broken renderer."""
     from deformnb.imaging.render import find_renderer
 
@@ -232,9 +233,9 @@ def run_demo(
     *,
     volume: Volume | None = None,
     species: str = "Antigonia",
-    view: str = "-x",
-    head: str = "left",
-    renderer: str = "auto",
+    view: ViewName = "-x",
+    head: HeadSide = "left",
+    renderer: RendererName = "auto",
     stage: Stage,
 ) -> Demonstration:
     """Make everything that ``deformnb demo`` shows.

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,9 @@ class Style:
     gamma: float = 1.0
 
 
+StyleName: TypeAlias = Literal["paper", "dark"]
+"""Names of the styles."""
+
 STYLES = {
     "paper": Style("#f6f0e1", "#2b2118", "#f6f0e1", "#2b2118", "#8c2f1b", _INK),
     "dark": Style("#101114", "#e8e6e3", "#101114", "#f5f2ea", "#f2b134"),
@@ -65,8 +68,9 @@ def draw_pictures(
     grids: Sequence[Sequence[NDArray[np.float64]]] | None = None,
     points: Sequence[ControlPoints | None] | None = None,
     titles: Sequence[str] | None = None,
-    style: str = "paper",
+    style: StyleName = "paper",
     path: str | PathLike[str] | None = None,
+    ax: Axes | Sequence[Axes] | None = None,
 ) -> Figure:
     """Pictures side by side (one above the other if they are wide), all to the same scale.
 
@@ -78,10 +82,11 @@ def draw_pictures(
     titles : for each picture.
     style : a name of :data:`STYLES`.
     path : where to write a PNG, PDF or SVG, in place of an older file; nothing is written without it.
+    ax : axes of a figure of one's own, one for each picture, into which they are drawn; that figure is not changed.
 
     Returns
     -------
-    matplotlib Figure, not registered with pyplot.
+    matplotlib Figure, not registered with pyplot; with ``ax`` that of the first axes.
 
     Examples
     --------
@@ -109,14 +114,50 @@ def draw_pictures(
         _format(path)
     colours = STYLES[style]
     boxes = [_box(p, grids[k] if grids else ()) for k, p in enumerate(pictures)]
-    figure = Figure(facecolor=colours.paper)
-    for k, (picture, place) in enumerate(zip(pictures, _layout(figure, boxes, titled=bool(titles)), strict=True)):
-        axes = figure.add_axes(place)
+    given = check_axes(ax, len(pictures), path)
+    figure = figure_of(given[0]) if given else Figure(facecolor=colours.paper)
+    places = given or [figure.add_axes(place) for place in _layout(figure, boxes, titled=bool(titles))]
+    for k, (picture, axes) in enumerate(zip(pictures, places, strict=True)):
         _draw(axes, picture, boxes[k], colours, grids[k] if grids else (), points[k] if points else None)
         if titles:
             _title(axes, titles[k], colours)
     if path is not None:
         save_figure(figure, path)
+    return figure
+
+
+def check_axes(given: Any, count: int, path: object = None) -> list[Axes]:
+    """The axes of a figure of someone else into which something is drawn, so many; none for None.
+
+    Raises
+    ------
+    DeformError
+        If they are something else, or other ones in number, or a ``path`` is given: who owns a figure writes it.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> axes = Figure().subplots(1, 2)
+    >>> check_axes(None, 2), len(check_axes(axes, 2)), len(check_axes(axes[0], 1))
+    ([], 2, 1)
+    """
+    if given is None:
+        return []
+    from matplotlib.axes import Axes
+
+    found = [given] if isinstance(given, Axes) else list(np.ravel(np.asarray(given, dtype=object)))
+    if not all(isinstance(one, Axes) for one in found):
+        raise DeformError(f"axes of Matplotlib are needed to draw into, got {short_value(given)}.")
+    if len(found) != count:
+        raise DeformError(f"{count} axes are needed to draw into, one for each picture, got {len(found)}.")
+    if path is not None:
+        raise DeformError("a figure of your own is written by its savefig; give either axes or a path.")
+    return found
+
+
+def figure_of(axes: Axes) -> Figure:
+    """The figure that holds some axes, directly or in a part of it."""
+    figure: Any = axes.get_figure(root=True)
     return figure
 
 
@@ -151,7 +192,7 @@ def _layout(figure: Figure, boxes: Sequence[PictureBox], *, titled: bool) -> lis
 
 def _title(axes: Axes, title: str, colours: Style) -> None:
     """A title as it is: names of files may hold dollars, line breaks, or be long."""
-    inches = axes.get_figure(root=True).get_figwidth() * axes.get_position().width  # type: ignore[union-attr]
+    inches = figure_of(axes).get_figwidth() * axes.get_position().width
     room = 72 * max(inches, _NARROWEST)
     text = printable(title, int(room / 3.5))
     size = min(_TITLE, max(5.0, room / (0.66 * max(1, len(text)))))  # most letters are narrower than 0.66 of it

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._typing import PictureBox
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
-from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Style, save_figure, show_picture
+from deformnb.imaging.drawing import (
+    SOURCE,
+    STYLES,
+    TARGET,
+    Style,
+    StyleName,
+    check_axes,
+    figure_of,
+    save_figure,
+    show_picture,
+)
 from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
@@ -40,7 +50,10 @@ SIDE_COLOURS = ("#C8102E", "#1E9E4A")
 PART = "#4C9BE8"
 """Rigid parts."""
 
-WHERE = ("source", "target", "both")
+PointPlace: TypeAlias = Literal["source", "target", "both"]
+"""Names of the places of control points that a panel shows."""
+
+WHERE: tuple[PointPlace, ...] = get_args(PointPlace)
 """Places of control points that a panel shows; "both" joins them by arrows."""
 
 _GAP = 0.10  # inches between panels
@@ -70,7 +83,7 @@ class Panel:
     caption: str = ""
     grid: Sequence[NDArray[np.float64]] = ()
     points: ControlPoints | None = None
-    at: str = "both"
+    at: PointPlace = "both"
     cuts: Sequence[Cut] = ()
     parts: Sequence[RigidPart] = ()
     box: PictureBox | None = None
@@ -108,11 +121,12 @@ def _range(values: NDArray[np.float64]) -> tuple[float, float]:
 def draw_figure(
     rows: Sequence[Sequence[Panel]],
     *,
-    style: str = "paper",
+    style: StyleName = "paper",
     width: float = 7.5,
     tallest: float = 4.0,
     lettered: bool = True,
     path: str | PathLike[str] | None = None,
+    axes: Sequence[Axes] | None = None,
 ) -> Figure:
     """Panels in rows, those of a row equally high, with the letters (a), (b) ... and captions below.
 
@@ -123,10 +137,12 @@ def draw_figure(
     width, tallest : of the figure, and of a row at most; inches.
     lettered : False leaves the letters out.
     path : where to write a PNG, PDF or SVG, in place of an older file; nothing is written without it.
+    axes : of a figure of one's own, one for each panel in the order of their letters; that figure is not changed, and
+        ``width`` and ``tallest`` say nothing.
 
     Returns
     -------
-    matplotlib Figure, not known to pyplot.
+    matplotlib Figure, not known to pyplot; with ``axes`` that of the first of them.
 
     Examples
     --------
@@ -141,6 +157,12 @@ def draw_figure(
     if not rows or not all(rows):
         raise DeformError("a figure needs at least one row, and each row at least one panel.")
     colours = STYLES[style]
+    if given := check_axes(axes, sum(map(len, rows)), path):
+        for letter, (panel, place) in enumerate(zip((panel for row in rows for panel in row), given, strict=True)):
+            _fill(place, panel, colours)
+            room = 72 * figure_of(place).get_figwidth() * place.get_position().width
+            _caption(place, _lettered(panel, letter if lettered else None), colours, room)
+        return figure_of(given[0])
     sizes = [_row_sizes([panel.limits for panel in row], width, tallest) for row in rows]
     feet = [_CAPTION if lettered or any(panel.caption for panel in row) else 0.0 for row in rows]
     height = _GAP + sum(row[0][1] + foot + _GAP for row, foot in zip(sizes, feet, strict=True))
@@ -149,15 +171,19 @@ def draw_figure(
     for row, row_sizes, foot in zip(rows, sizes, feet, strict=True):
         left = (width - sum(w for w, _ in row_sizes) - _GAP * (len(row) - 1)) / 2
         for panel, (w, h) in zip(row, row_sizes, strict=True):
-            axes = figure.add_axes((left / width, (top - h) / height, w / width, h / height))
-            _fill(axes, panel, colours)
-            mark = f"({chr(ord('a') + letter)}) " if lettered else ""
-            _caption(axes, (mark + panel.caption).strip(), colours, 72 * (w + _GAP / 2))
+            place = figure.add_axes((left / width, (top - h) / height, w / width, h / height))
+            _fill(place, panel, colours)
+            _caption(place, _lettered(panel, letter if lettered else None), colours, 72 * (w + _GAP / 2))
             left, letter = left + w + _GAP, letter + 1
         top -= row_sizes[0][1] + foot + _GAP
     if path is not None:
         save_figure(figure, path)
     return figure
+
+
+def _lettered(panel: Panel, letter: int | None) -> str:
+    """The caption of a panel behind its letter, if it has one."""
+    return (f"({chr(ord('a') + letter)}) " if letter is not None else "") + panel.caption
 
 
 def _row_sizes(boxes: Sequence[PictureBox], width: float, tallest: float) -> list[tuple[float, float]]:

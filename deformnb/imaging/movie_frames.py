@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,10 +19,10 @@ from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.camera import Camera, fitting_height
-from deformnb.imaging.render import RENDERERS, CoreRenderer, VtkRenderer, find_renderer
+from deformnb.imaging.render import RENDERERS, CoreRenderer, RendererName, VtkRenderer, find_renderer
 from deformnb.io.movies import MOVIES, write_movie
 from deformnb.volume.plane import Plane
-from deformnb.volume.transfer import TransferFunction, as_transfer
+from deformnb.volume.transfer import PresetName, TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume
 from deformnb.warping.warper import Warper
 
@@ -37,7 +38,10 @@ __all__ = [
 ]
 
 
-FRAME_CONTENTS = ("after", "pair")
+FrameContent: TypeAlias = Literal["after", "pair"]
+"""Names of the contents of a frame."""
+
+FRAME_CONTENTS: tuple[FrameContent, ...] = get_args(FrameContent)
 """Contents of a frame: the deformed volume alone, or the volume as it was to its left."""
 
 _BACKGROUND = (0.06, 0.065, 0.08)
@@ -113,11 +117,11 @@ def deformation_frames(
     directions: ArrayLike = (0.4, 1.0, -0.3),
     up: ArrayLike | None = None,
     size: tuple[int, int] = (640, 480),
-    transfer: TransferFunction | str | None = None,
-    shows: str = "after",
+    transfer: TransferFunction | PresetName | None = None,
+    shows: FrameContent = "after",
     output: Grid | VolumeLike | None = None,
     background: tuple[float, float, float] = _BACKGROUND,
-    backend: str = "auto",
+    backend: RendererName = "auto",
 ) -> Frames:
     """Pictures of a volume whose control points are dragged all the way and back.
 
@@ -177,11 +181,11 @@ def animation_frames(
     directions: ArrayLike = (0.4, 1.0, -0.3),
     up: ArrayLike | None = None,
     size: tuple[int, int] = (640, 480),
-    transfer: TransferFunction | str | None = None,
-    shows: str = "after",
+    transfer: TransferFunction | PresetName | None = None,
+    shows: FrameContent = "after",
     output: Grid | VolumeLike | None = None,
     background: tuple[float, float, float] = _BACKGROUND,
-    backend: str = "auto",
+    backend: RendererName = "auto",
 ) -> Frames:
     """Pictures of the animation of a document's key frames; each frame solves for the points of its moment.
 
@@ -225,11 +229,11 @@ def _frames(
     directions: ArrayLike,
     up: ArrayLike | None,
     size: tuple[int, int],
-    transfer: TransferFunction | str | None,
-    shows: str,
+    transfer: TransferFunction | PresetName | None,
+    shows: FrameContent,
     output: Grid | VolumeLike | None,
     background: tuple[float, float, float],
-    backend: str,
+    backend: RendererName,
 ) -> Frames:
     """Pictures of the documents of some moments; at the moment ``before`` the volume is as it was."""
     if not isinstance(shows, str) or shows not in FRAME_CONTENTS:

@@ -6,6 +6,8 @@ values. ``frontend/src/view/body.ts`` is the same for a live view, which has the
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -13,7 +15,7 @@ from deformnb.checks import real_array, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.volume.clip import WHOLE, Clip, check_clip
-from deformnb.volume.transfer import TransferFunction, as_transfer, typical_range
+from deformnb.volume.transfer import PresetName, TransferFunction, as_transfer, typical_range
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.warping.warper import Warper
 
@@ -28,10 +30,10 @@ _LITTLE = 1e-9  # of a direction, along an axis: the ray runs parallel to these 
 def surface_point(
     volume: VolumeLike,
     ray: tuple[ArrayLike, ArrayLike],
-    transfer: TransferFunction | str | None = None,
+    transfer: TransferFunction | PresetName | None = None,
     *,
     field: AbstractField | None = None,
-    method: str = "composite",
+    method: Literal["composite", "shaded", "mip"] = "composite",
     clip: Clip = WHOLE,
     output: Grid | None = None,
 ) -> NDArray[np.float64] | None:

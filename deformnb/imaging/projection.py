@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,8 @@ from deformnb.imaging.raycast import (
 )
 from deformnb.volume.channels import ChannelDisplay, ChannelsLike, as_channels
 from deformnb.volume.clip import ClipBox
-from deformnb.volume.plane import Picture, Plane, Raster
-from deformnb.volume.transfer import TransferFunction, as_transfer, is_hounsfield, typical_range
+from deformnb.volume.plane import Picture, Plane, Raster, ViewName
+from deformnb.volume.transfer import PresetName, TransferFunction, as_transfer, is_hounsfield, typical_range
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, VolumeLike, as_volume
 from deformnb.warping.planning import run_parts
 
@@ -81,6 +81,9 @@ def _integer_mean(values: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(values.mean(axis=0, dtype=kind), dtype=np.float32)
 
 
+ProjectionName: TypeAlias = Literal["mip", "slice", "mean", "composite", "shaded"]
+"""Names of the projections."""
+
 PROJECTIONS: dict[str, Projection] = {
     p.name: p
     for p in (
@@ -94,16 +97,19 @@ PROJECTIONS: dict[str, Projection] = {
 """All projections by name; the first is the default."""
 
 
-OF_CHANNELS = ("mip", "slice", "mean")
+ChannelProjectionName: TypeAlias = Literal["mip", "slice", "mean"]
+"""Names of the projections of channels."""
+
+OF_CHANNELS: tuple[ChannelProjectionName, ...] = get_args(ChannelProjectionName)
 """Projections that channels have in their colours; the others have colours and opacities of a transfer function."""
 
 
 def project(
     volume: VolumeLike,
-    view: str | Plane = "+y",
-    method: str = "mip",
+    view: ViewName | Plane = "+y",
+    method: ProjectionName = "mip",
     *,
-    transfer: TransferFunction | str | None = None,
+    transfer: TransferFunction | PresetName | None = None,
     depth: float | None = None,
     spacing: float | None = None,
     part: ClipBox | None = None,
@@ -167,8 +173,8 @@ def project(
 
 def project_channels(
     channels: ChannelsLike,
-    view: str | Plane = "+y",
-    method: str = "mip",
+    view: ViewName | Plane = "+y",
+    method: ChannelProjectionName = "mip",
     *,
     displays: Sequence[ChannelDisplay] | None = None,
     depth: float | None = None,

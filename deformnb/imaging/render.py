@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,7 @@ from deformnb.io.files.atomic import atomic_write
 from deformnb.io.files.errors import printable
 from deformnb.rbf.fields import Identity
 from deformnb.volume.plane import Plane
-from deformnb.volume.transfer import TransferFunction, as_transfer
+from deformnb.volume.transfer import PresetName, TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume
 from deformnb.warping.points import Landmarks, check_points
 
@@ -37,13 +37,13 @@ _SMALLEST = 8  # letters that can still be read, in pixels
 def render_volume(
     volume: VolumeLike,
     *,
-    transfer: TransferFunction | str | None = None,
+    transfer: TransferFunction | PresetName | None = None,
     direction: ArrayLike = (0.4, 1.0, -0.3),
     up: ArrayLike | None = None,
     height: float | None = None,
     size: tuple[int, int] = (800, 600),
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    backend: str = "auto",
+    backend: RendererName = "auto",
     progress: Progress | None = None,
 ) -> Image:
     """A shaded picture of the whole volume, in parallel projection.
@@ -200,6 +200,9 @@ class VtkRenderer:
             window.close()
 
 
+RendererName: TypeAlias = Literal["auto", "vtk", "core"]
+"""Names of the renderers, and "auto" for the one that works here."""
+
 RENDERERS: dict[str, type[CoreRenderer | VtkRenderer]] = {"vtk": VtkRenderer, "core": CoreRenderer}
 """Renderers of many pictures of one size in the same colours, by name: "vtk" needs OpenGL, "core" needs nothing."""
 
@@ -221,11 +224,11 @@ def render_pair(
     *,
     path: str | PathLike[str] | None = None,
     captions: tuple[str, str] = ("before", "after"),
-    transfer: TransferFunction | str | None = None,
+    transfer: TransferFunction | PresetName | None = None,
     direction: ArrayLike = (0.4, 1.0, -0.3),
     up: ArrayLike | None = None,
     size: tuple[int, int] = (900, 640),
-    backend: str = "auto",
+    backend: RendererName = "auto",
     background: tuple[float, float, float] = (0.06, 0.065, 0.08),
     progress: Progress | None = None,
 ) -> Image:

@@ -9,11 +9,12 @@ grids, arrows and captions stay vectors and text, and only the pictures are pixe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import ceil, floor, log10
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +27,7 @@ from deformnb.analysis.strain import Stretches, stretches
 from deformnb.checks import check_choice, finite_number, short_value
 from deformnb.document.deformation import MODES, Deformation, Step
 from deformnb.errors import DeformError
-from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Style, save_figure
+from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Style, StyleName, check_axes, figure_of, save_figure
 from deformnb.imaging.figures import Lines, deform_lines, picture_field, rectangular_grid
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Identity
@@ -190,7 +191,10 @@ def area_map(field: AbstractField, raster: Raster) -> NDArray[np.float64]:
     return np.asarray(np.where(shrunk > 0, 1 / np.where(shrunk > 0, shrunk, 1.0), np.nan))
 
 
-GRID_OVERLAYS = ("none", "area", "strain")
+GridOverlay: TypeAlias = Literal["none", "area", "strain"]
+"""Names of the overlays of the deformed picture."""
+
+GRID_OVERLAYS: tuple[GridOverlay, ...] = get_args(GridOverlay)
 """Overlays of the deformed picture."""
 
 FOLD_COLOUR = "#d32f2f"
@@ -244,21 +248,29 @@ class Sheet:
     ----------
     picture : as it was before; grids : the numbers of both grids.
     overlay : a name of :data:`GRID_OVERLAYS`; colours : the style; width : inches.
+    axes : two of a figure of someone else, which stays as it is; none is a new figure.
     """
 
-    def __init__(self, picture: Picture, grids: Grids, overlay: str, colours: Style, width: float) -> None:
+    def __init__(
+        self,
+        picture: Picture,
+        grids: Grids,
+        overlay: GridOverlay,
+        colours: Style,
+        width: float,
+        axes: Sequence[Axes] = (),
+    ) -> None:
         self.picture, self.grids, self.overlay, self.colours, self.width = picture, grids, overlay, colours, width
         self.is_dark = _luminance(colours.paper) < 0.5
         self.inks = _INKS[self.is_dark]
-        kind: Any = _figure_class()
-        self.figure: Any = kind(facecolor=colours.paper)
-        self.figure.grids = grids
+        self.given = tuple(axes)
+        self.figure: Any = figure_of(axes[0]) if axes else None
 
     # -- layout ---
 
     def draw(self, points: ControlPoints | None, unit: str, magnify: float) -> None:
         """Both panels with all that belongs to them."""
-        before, after = self._place(points)
+        before, after = self._given_places(points) if self.given else self._place(points)
         self._picture(before, self.picture.raster, _apply_ink(self.picture, self.colours))
         self._draw_grid(before, self.grids.before)
         raster = self._output(after.box)
@@ -271,19 +283,23 @@ class Sheet:
             self._crosses(after)
         if points is not None:
             self._landmarks(before, after, points)
+        if self.given:  # all else is of the owner of that figure
+            return
+        if self.overlay == "area":
+            self._area_key()
+        elif self.overlay == "strain":
+            self._strain_key()
         self._caption(before, "a", "original")
         self._caption(after, "b", _magnification_text(magnify))
         self._scale_bar(before, unit)
 
     def _place(self, points: ControlPoints | None) -> tuple[_Place, _Place]:
-        """Size the figure and lay both panels to one scale: in line, so that heights or widths can be compared."""
-        a0, a1, b0, b1 = box = self.picture.raster.box
-        sources = [] if points is None else [points.source]
-        targets = [] if points is None else [points.target]
-        first, second = (
-            self._enclosing_box(box, sources),
-            self._enclosing_box(box, [*sources, *targets, *self.grids.after]),
-        )
+        """Size a new figure and lay both panels to one scale: in line, so that heights or widths can be compared."""
+        kind: Any = _figure_class()
+        self.figure = kind(facecolor=self.colours.paper)
+        self.figure.grids = self.grids
+        a0, a1, b0, b1 = self.picture.raster.box
+        first, second = self._boxes(points)
         stacked = (a1 - a0) / (b1 - b0) > _WIDE
         lines = (0, 1) if stacked else (2, 3)  # shared axes
         shared = (min(first[lines[0]], second[lines[0]]), max(first[lines[1]], second[lines[1]]))
@@ -308,6 +324,23 @@ class Sheet:
         ]
         one, two = (self._panel(box, size, start) for box, size, start in zip(boxes, inches, starts, strict=True))
         return one, two
+
+    def _given_places(self, points: ControlPoints | None) -> tuple[_Place, _Place]:
+        """Both panels in axes of someone else, which stay where they are."""
+        before, after = (_Place(axes, box) for axes, box in zip(self.given, self._boxes(points), strict=True))
+        for place in (before, after):
+            place.axes.set_axis_off()
+        return before, after
+
+    def _boxes(self, points: ControlPoints | None) -> tuple[PictureBox, PictureBox]:
+        """Limits of both panels: of the picture with its points, and of all that they reach."""
+        box = self.picture.raster.box
+        sources = [] if points is None else [points.source]
+        targets = [] if points is None else [points.target]
+        return (
+            self._enclosing_box(box, sources),
+            self._enclosing_box(box, [*sources, *targets, *self.grids.after]),
+        )
 
     def _enclosing_box(self, box: PictureBox, places: list[NDArray[np.float64]]) -> PictureBox:
         """The box of the picture and of the drawing on it, which may leave it, but not by far."""
@@ -341,7 +374,8 @@ class Sheet:
 
     def _picture(self, place: _Place, raster: Raster, pixels: NDArray[np.float64]) -> None:
         a0, a1, b0, b1 = raster.box
-        place.axes.imshow(pixels, extent=(a0, a1, b1, b0), interpolation="bilinear", aspect="auto", zorder=0)
+        aspect: Any = "equal" if self.given else "auto"
+        place.axes.imshow(pixels, extent=(a0, a1, b1, b0), interpolation="bilinear", aspect=aspect, zorder=0)
         place.axes.set(xlim=place.box[:2], ylim=(place.box[3], place.box[2]))
 
     def _draw_grid(self, place: _Place, lines: list[NDArray[np.float64]]) -> None:
@@ -372,7 +406,6 @@ class Sheet:
         tinted[~inside] = (1 - _FOLD_SHARE) * pixels[~inside] + _FOLD_SHARE * np.array(_rgb(FOLD_COLOUR))
         tinted[beyond] = pixels[beyond]
         self.has_folds = bool((~inside & ~beyond).any())
-        self._area_key()
         return tinted
 
     def _shows_picture(self, raster: Raster) -> NDArray[np.bool_]:
@@ -407,7 +440,6 @@ class Sheet:
             ink.set_gid("stretched" if grows else "pressed")
             for drawn in (case, ink):
                 place.axes.add_collection(drawn, autolim=False)
-        self._strain_key()
 
     def _arms(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Places (n, 2, 2), stretch - 1 (n, 2) and directions (n, 2, 2) of the arms of all crosses."""
@@ -534,7 +566,9 @@ class Sheet:
 class _Place:
     """A panel: its axes, its content, and its box in inches."""
 
-    def __init__(self, axes: Axes, box: PictureBox, left: float, bottom: float, width: float, height: float) -> None:
+    def __init__(
+        self, axes: Axes, box: PictureBox, left: float = 0, bottom: float = 0, width: float = 0, height: float = 0
+    ) -> None:
         self.axes, self.box = axes, box
         self.left, self.bottom, self.width, self.height = left, bottom, width, height
 
@@ -615,16 +649,17 @@ def draw_grids(
     picture: Picture,
     *,
     lines: int = 12,
-    overlay: str = "none",
+    overlay: GridOverlay = "none",
     magnify: float = 1.0,
     grid: Grid | VolumeLike | None = None,
     key: int = 0,
     landmarks: bool = True,
     title: str | None = None,
     unit: str | None = None,
-    style: str = "paper",
+    style: StyleName = "paper",
     width: float = WIDTH,
     path: str | PathLike[str] | None = None,
+    axes: Sequence[Axes] | None = None,
 ) -> Figure:
     """The picture on a regular grid, and the deformed picture on the deformed grid.
 
@@ -644,11 +679,13 @@ def draw_grids(
     unit : of lengths, as it is written; default is that of the grid.
     style : a name of :data:`~deformnb.imaging.drawing.STYLES`; width : of the figure, inches.
     path : where to write a PNG, PDF or SVG, in place of an older file; nothing is written without it.
+    axes : two of a figure of one's own, for the picture as it was and for the deformed one. That figure is not changed,
+        so titles, captions, the key and the scale bar are its owner's.
 
     Returns
     -------
-    matplotlib Figure, not registered with pyplot; its ``savefig`` stores text as text. Its ``grids`` is a
-        :class:`~deformnb.imaging.thompson.Grids`, the numbers that are drawn.
+    matplotlib Figure, not registered with pyplot; its ``savefig`` stores text as text, and its ``grids`` is a
+        :class:`~deformnb.imaging.thompson.Grids`, the numbers that are drawn. With ``axes`` it is that of the first.
 
     Raises
     ------
@@ -682,9 +719,11 @@ def draw_grids(
         unit = "" if seen is None else seen.unit
     steps = steps_of(what, picture, magnify)
     grids = make_grids(field_of(what, steps, picture, magnify, grid, key), picture, lines)
-    sheet = Sheet(picture, grids, overlay, STYLES[style], width)
+    given = check_axes(axes, 2, path)
+    sheet = Sheet(picture, grids, overlay, STYLES[style], width, given)
     sheet.draw(landmarks_of(steps, key) if landmarks else None, unit, steps[0].strength if len(steps) == 1 else magnify)
-    sheet.write_title(_title(title, steps, key))
+    if not given:
+        sheet.write_title(_title(title, steps, key))
     if path is not None:
         save_figure(sheet.figure, path)
     return sheet.figure

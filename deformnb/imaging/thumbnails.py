@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.imaging.projection import project
 from deformnb.volume.coarsening import block_means, coarser
-from deformnb.volume.transfer import PRESETS, levels, preset
+from deformnb.volume.plane import ViewName
+from deformnb.volume.transfer import PresetName, levels, preset
 from deformnb.volume.volume import Volume, as_volume
 
 _VOXELS = 64  # along each axis of the coarse copy, up to half as many again
@@ -18,7 +20,7 @@ _SEEN, _MARGIN = 0.02, 0.04  # the cropped border around the subject is empty, b
 
 
 def preset_thumbnails(
-    volume: Volume, view: str = "+y", size: int = 112, names: Iterable[str] = tuple(PRESETS)
+    volume: Volume, view: ViewName = "+y", size: int = 112, names: Iterable[PresetName] = get_args(PresetName)
 ) -> dict[str, NDArray[np.uint8]]:
     """Pictures of a volume in the colours of presets, by their names: all show the same part, that of the subject.
 

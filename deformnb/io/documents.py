@@ -9,9 +9,10 @@ from deformnb.checks import short_value
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_format import LONGEST_DOCUMENT, from_json, to_json
 from deformnb.errors import DeformError, VolumeFileError
+from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import KnownFiles, atomic_write
 from deformnb.io.files.errors import fail, printable
-from deformnb.io.files.paths import as_path
+from deformnb.io.files.paths import address_of, as_path
 from deformnb.io.volumes.formats import FORMATS
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.rigid import RigidPart
@@ -41,13 +42,14 @@ def read_deformation(path: str | PathLike[str]) -> Deformation:
     True
     """
     document, content = read_document(path)
-    _HERE.remember(path, content)
+    if not address_of(path):
+        _HERE.remember(path, content)
     return document
 
 
 def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
     """The deformation in a file, and the file's content; see :func:`read_deformation`."""
-    file, name = as_path(path), printable(path)
+    file, name = input_path(path), printable(path)
     try:
         if not file.is_file():
             what = "is a folder, not a file" if file.is_dir() else "is not an ordinary file"

@@ -34,7 +34,18 @@ from deformnb._deferred import scipy
 from deformnb.errors import DeformError
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import FLAT, THIN, Span, Trend, are_wide, quadric_span, ridge_of, spread_of, spreads_of
+from deformnb.rbf.trends import (
+    FLAT,
+    THIN,
+    Span,
+    Trend,
+    TrendName,
+    are_wide,
+    quadric_span,
+    ridge_of,
+    spread_of,
+    spreads_of,
+)
 
 LARGEST_SET = 2000
 """Points of one dense system, which costs N^3: 2000 take 0.1 s, ten times as many would take minutes. More of them have
@@ -104,7 +115,7 @@ class PreparedPoints:
     origin: NDArray[np.float64]
     support: float
     span: Span
-    trend: str
+    trend: TrendName
     ids: tuple[int, ...]
     notes: tuple[str, ...]
     radii: NDArray[np.float64]
@@ -207,6 +218,7 @@ def prepare(
     targets, displacements, weights, first, notes, missed, place_of = _merge(active, radius, near, smoothing)
     origin = targets.mean(axis=0) if len(targets) else np.zeros(points.dim)
     span, where = _span(targets - origin, displacements)
+    name: Any
     name, remark = _determined_trend(trend, kernel, len(targets), span.basis.shape, where)
     if name == "quadratic":
         quadrics, bend = quadric_span(targets - origin, span.basis)

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -173,6 +173,9 @@ def _source_rule(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[
     return choice, xp.minimum(1.0, total)
 
 
+CutRuleName: TypeAlias = Literal["source", "paper"]
+"""Names of the rules for the visible region at a cut."""
+
 CUT_RULES: dict[str, Callable[..., tuple[Any, Any]]] = {"source": _source_rule, "paper": _paper_rule}
 """Rules for the visible region at a cut, by name; the first is the default."""
 
@@ -310,7 +313,7 @@ class Decoupled(AbstractField):
     sides: tuple[Sides, ...]
     regions: tuple[AbstractRegion, ...]
     plane: Plane | None = None
-    rule: str = "source"
+    rule: CutRuleName = "source"
     softness: float = 1.0
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -243,6 +243,9 @@ def interpolate(knots: ArrayLike) -> Weights:
         return np.array([0.0, 1.0]), np.ones((1, 2))
     return at, np.eye(len(at))
 
+
+ExtrusionName: TypeAlias = Literal["replicate", "modulate", "interpolate"]
+"""Names of the extrusion rules."""
 
 EXTRUSIONS: dict[str, Callable[..., Weights]] = {
     "replicate": replicate,

@@ -13,17 +13,24 @@ from typing import Any
 
 from deformnb.checks import check_fields, is_finite, short_value
 from deformnb.errors import DeformError
-from deformnb.rbf.cuts import Decoupled, Sides, points_of_regions
+from deformnb.rbf.cuts import CutRuleName, Decoupled, Sides, points_of_regions
 from deformnb.rbf.fields import AbstractField, AbstractFit
 from deformnb.rbf.fitting import check_stages, fit_points
-from deformnb.rbf.forward import check_direction, orient_points
-from deformnb.rbf.kernels import AbstractKernel, as_kernel
+from deformnb.rbf.forward import FitDirection, check_direction, orient_points
+from deformnb.rbf.kernels import AbstractKernel, KernelName, as_kernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart, scaled_points
 from deformnb.rbf.slits import check_slits, fits_around_slits, is_slit
-from deformnb.rbf.support import SUPPORT_RULES, ChosenSupport, check_support, choose_support, usual_support
-from deformnb.rbf.trends import find_trend
+from deformnb.rbf.support import (
+    SUPPORT_RULES,
+    ChosenSupport,
+    SupportRuleName,
+    check_support,
+    choose_support,
+    usual_support,
+)
+from deformnb.rbf.trends import TrendName, find_trend
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,13 +61,13 @@ class AbstractFitSettings:
         Naming the setting that is wrong.
     """
 
-    kernel: str = "wendland_c2"
-    support: float | str | None = field(default=None, metadata={"label": "support radius"})
-    trend: str = "affine"
+    kernel: KernelName | str = "wendland_c2"
+    support: float | SupportRuleName | None = field(default=None, metadata={"label": "support radius"})
+    trend: TrendName = "affine"
     smoothing: float = 0.0
     strength: float = 1.0
     stages: int = 1
-    direction: str = "backward"
+    direction: FitDirection = "backward"
     chosen_support: ChosenSupport | None = None
 
     def __post_init__(self) -> None:
@@ -212,7 +219,7 @@ class FitSettings(AbstractFitSettings):
         parts: Sequence[RigidPart] = (),
         cuts: Sequence[AbstractRegion] = (),
         *,
-        cut_rule: str = "source",
+        cut_rule: CutRuleName = "source",
         softness: float = 0.0,
         lone: float | None = None,
         previous: AbstractField | None = None,

@@ -14,23 +14,23 @@ from deformnb.checks import is_finite, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import LARGEST_SET, prepare
 from deformnb.rbf.fields import AbstractFit, AbstractInterpolant
-from deformnb.rbf.forward import ForwardFit, check_direction, orient_points
+from deformnb.rbf.forward import FitDirection, ForwardFit, check_direction, orient_points
 from deformnb.rbf.interpolant import RBFInterpolant, TooFlatError, solve_prepared
-from deformnb.rbf.kernels import AbstractKernel, Phi, as_kernel
+from deformnb.rbf.kernels import AbstractKernel, KernelName, Phi, as_kernel
 from deformnb.rbf.partition import SMALL_LEAF, LocalFits, fit_locally, is_wide
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.rigid import SAME_MOTION, RigidInterpolant, RigidPart, drift_and_weight, size_of
 from deformnb.rbf.stages import MOST_STAGES, Staged
 from deformnb.rbf.support import choose_support
-from deformnb.rbf.trends import TRENDS, Trend, find_trend
+from deformnb.rbf.trends import TRENDS, Trend, TrendName, find_trend
 
 
 def fit_rbf(
     points: ControlPoints,
     *,
-    kernel: str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
+    kernel: KernelName | str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
     support: float | None = None,
-    trend: str = "affine",
+    trend: TrendName = "affine",
     smoothing: float = 0.0,
     previous: AbstractInterpolant | None = None,
 ) -> RBFInterpolant | LocalFits:
@@ -103,9 +103,9 @@ def fit_rbf(
 def fit_one_system(
     points: ControlPoints,
     *,
-    kernel: str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
+    kernel: KernelName | str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
     support: float | None = None,
-    trend: str = "affine",
+    trend: TrendName = "affine",
     smoothing: float = 0.0,
 ) -> RBFInterpolant:
     """:func:`fit_rbf` for what needs the whole system of a fit, which has at most 2000 points.
@@ -163,9 +163,9 @@ def fit_rigid(
     points: ControlPoints,
     parts: Sequence[RigidPart],
     *,
-    kernel: str = "wendland_c2",
+    kernel: KernelName | str = "wendland_c2",
     support: float | None = None,
-    trend: str = "affine",
+    trend: TrendName = "affine",
     smoothing: float = 0.0,
 ) -> RBFInterpolant | LocalFits | RigidInterpolant:
     """Fit control points with rigid parts (Eq. 6).
@@ -239,11 +239,11 @@ def fit_points(
     parts: Sequence[RigidPart] = (),
     *,
     stages: int = 1,
-    kernel: str = "wendland_c2",
+    kernel: KernelName | str = "wendland_c2",
     support: float | None = None,
-    trend: str = "affine",
+    trend: TrendName = "affine",
     smoothing: float = 0.0,
-    direction: str = "backward",
+    direction: FitDirection = "backward",
     previous: AbstractFit | None = None,
 ) -> AbstractFit:
     """Fit control points, with rigid parts if there are some, in one go or in stages.

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,7 +30,10 @@ from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.newton import keep_better, lengths_of, map_of, newton, search
 from deformnb.rbf.points import ControlPoints
 
-DIRECTIONS = ("backward", "forward")
+FitDirection: TypeAlias = Literal["backward", "forward"]
+"""Names of the directions of a fit or of a written transform."""
+
+DIRECTIONS: tuple[FitDirection, ...] = get_args(FitDirection)
 """Directions of a fit: from the result to the input, or from the input to the result. The first is the default."""
 
 # Newton's method ends at this share of the size of the points, a digit above the rounding of a fit of some hundred

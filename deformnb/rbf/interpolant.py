@@ -51,7 +51,7 @@ from deformnb.rbf.factors import DENSE, Matrix, factor_matrix, matrix_of
 from deformnb.rbf.fields import AbstractInterpolant, grid_lines, raster_lines
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel, WendlandC2
 from deformnb.rbf.system import Solved, solve, solve_bordered, solve_factored
-from deformnb.rbf.trends import NO_ANGLE, Span, spread_of
+from deformnb.rbf.trends import NO_ANGLE, Span, TrendName, spread_of
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 
@@ -175,7 +175,7 @@ class RBFInterpolant(AbstractInterpolant):
     support: Any
     count: Any
     kernel: type[AbstractKernel] = WendlandC2
-    trend: str = "affine"
+    trend: TrendName = "affine"
     of_points: PointRemarks = field(default=PointRemarks())
     ids: tuple[int, ...] = field(default=())
     scales: Any = None
@@ -514,7 +514,7 @@ def _solve_whole(
     turn: NDArray[np.float64],
     scales: NDArray[np.float64] | None,
     kernel: type[AbstractKernel],
-    trend: str,
+    trend: TrendName,
 ) -> Solved:
     """The system by elimination; NaN where it has no solution."""
     if kernel.name not in BUILT_IN or not is_host():

@@ -33,7 +33,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -471,6 +471,21 @@ class Quintic(AbstractKernel):
     def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
         return 5 * b**4, 20 * b**3
 
+
+KernelName: TypeAlias = Literal[
+    "wendland_c2",
+    "wendland_c0",
+    "wendland_c4",
+    "thin_plate",
+    "gaussian",
+    "multiquadric",
+    "inverse_multiquadric",
+    "inverse_quadratic",
+    "cubic",
+    "quintic",
+    "linear",
+]
+"""Names of the kernels of this package; :func:`register_kernel` adds others, so that a parameter takes any text too."""
 
 KERNELS: dict[str, type[AbstractKernel]] = {
     k.name: k

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -205,7 +205,7 @@ class ControlPoints:
         )
 
     @classmethod
-    def from_landmarks(cls, moving: HasPlaces, fixed: HasPlaces, *, pair: str = "name") -> Paired:
+    def from_landmarks(cls, moving: HasPlaces, fixed: HasPlaces, *, pair: Literal["name", "order"] = "name") -> Paired:
         """Pairs of two lists of landmarks, and the unpaired ones: each moving place corresponds to a fixed one.
 
         Parameters

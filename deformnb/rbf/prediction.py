@@ -37,10 +37,10 @@ from deformnb.rbf.factors import kernel_values
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.forward import DIRECTIONS, ForwardFit, orient_points
-from deformnb.rbf.kernels import as_kernel
+from deformnb.rbf.kernels import KernelName, as_kernel
 from deformnb.rbf.newton import lengths_of, map_of, search
 from deformnb.rbf.points import ControlPoints, as_control_points
-from deformnb.rbf.trends import find_trend, products
+from deformnb.rbf.trends import TrendName, find_trend, products
 
 PointBlocks = list[NDArray[np.intp]]
 
@@ -103,7 +103,7 @@ def usual_candidates(dim: int) -> tuple[Candidate, ...]:
     >>> len(usual_candidates(2))
     36
     """
-    splines = [
+    splines: list[tuple[KernelName, TrendName]] = [
         ("thin_plate", "affine"),
         ("linear", "affine"),
         ("cubic", "affine"),

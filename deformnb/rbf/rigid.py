@@ -27,7 +27,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -173,6 +173,9 @@ def smoothstep(t: Any, xp: Any = np) -> Any:
 def _distance(t: Any, xp: Any = np) -> Any:
     return xp.maximum(t, 0.0)
 
+
+RigidWeightName: TypeAlias = Literal["saturated", "distance"]
+"""Names of the weights of a rigid part."""
 
 WEIGHTS: dict[str, Callable[..., Any]] = {"saturated": smoothstep, "distance": _distance}
 """Weights from a part's distance, in units of its scale: the smooth step, or the paper's distance itself."""
@@ -339,7 +342,7 @@ class RigidPart:
 
     region: AbstractRegion
     motion: RigidMotion | None = None
-    weight: str = "saturated"
+    weight: RigidWeightName = "saturated"
     reach: float | None = None
     name: str = ""
     enabled: bool = True
@@ -532,11 +535,16 @@ def _overlap(part: RigidPart, other: RigidPart) -> tuple[bool, bool]:
     return overlap, contact
 
 
-HELD_POINT_RULES = ("refuse", "carry", "switch off")
+HeldPointRule: TypeAlias = Literal["refuse", "carry", "switch off"]
+"""Names of the rules for points within a rigid part."""
+
+HELD_POINT_RULES: tuple[HeldPointRule, ...] = get_args(HeldPointRule)
 """Treatments of control points within a rigid part that require another displacement than the part's."""
 
 
-def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: str = "carry") -> ControlPoints:
+def without_conflicts(
+    points: ControlPoints, parts: Sequence[RigidPart], held: HeldPointRule = "carry"
+) -> ControlPoints:
     """The control points with rigid parts, without any that requires something else than the part that contains it.
 
     Parameters

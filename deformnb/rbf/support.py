@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ from deformnb.rbf.kernels import AbstractKernel, as_kernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import THIN, are_wide, find_trend, spreads_of
 from deformnb.volume.volume import Grid
+
+SupportRuleName: TypeAlias = Literal["box_diagonal"]
+"""Names of the rules for a support radius."""
 
 SUPPORT_RULES: dict[str, Callable[[ControlPoints], float | None]] = {"box_diagonal": box_diagonal}
 """Supports by rule instead of by number: what each makes of a set of control points."""

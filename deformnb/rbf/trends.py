@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,6 +136,9 @@ def _similarity(s: Any, h: Any, span: Span, previous: Any) -> Any:
 def _rigid(s: Any, h: Any, span: Span, previous: Any) -> Any:
     return nearest_rotation(h, namespace_of(s, h).trace(s), previous)
 
+
+TrendName: TypeAlias = Literal["affine", "similarity", "rigid", "translation", "none", "affine_exact", "quadratic"]
+"""Names of the trends."""
 
 TRENDS: dict[str, Trend] = {
     t.name: t

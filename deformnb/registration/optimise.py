@@ -24,12 +24,14 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fitting import check_stages, fit_one_system
 from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.rbf.kernels import KernelName
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import Span, quadric_span, ridge_of, spreads_of
+from deformnb.rbf.trends import Span, TrendName, quadric_span, ridge_of, spreads_of
 from deformnb.registration.similarity import (
     LOCAL_PLACES,
     Fitting,
     Measure,
+    MeasureName,
     Objective,
     SampledImage,
     Value,
@@ -320,12 +322,12 @@ def fit_targets(
     moving: Pictured,
     fixed: Pictured,
     *,
-    kernel: str = "wendland_c2",
+    kernel: KernelName | str = "wendland_c2",
     support: float | None = None,
-    trend: str = "affine",
+    trend: TrendName = "affine",
     smoothing: float = 0.0,
     stages: int = 1,
-    measure: str = "ncc",
+    measure: MeasureName = "ncc",
     energy: float = 0.005,
     levels: Sequence[int] = (4, 2, 1),
     iterations: int = 40,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +82,9 @@ def _entropy(shares: Any) -> Any:
     some = shares > 1e-12
     return -jnp.sum(jnp.where(some, shares * jnp.log(jnp.where(some, shares, 1.0)), 0.0))
 
+
+MeasureName: TypeAlias = Literal["ncc", "ssd", "mi"]
+"""Names of the measures of similarity."""
 
 MEASURES: dict[str, Measure] = {"ncc": correlation, "ssd": squared_difference, "mi": mutual_information}
 """All measures of similarity by name; the first is the default. One more row is one more measure."""

@@ -29,6 +29,7 @@ from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import create_locked, sweep
+from deformnb.io.files.paths import as_path
 from deformnb.session.autosave_store import (
     SavedSession,
     count_text,
@@ -105,7 +106,7 @@ class Autosave:
         on_written: Callable[[SavedSession], None] | None = None,
         on_trouble: Callable[[str], object] | None = None,
     ) -> None:
-        folder = Path(folder) if folder is not None else state_folder()
+        folder = as_path(folder) if folder is not None else state_folder()
         self._job = job = _Job(
             session.editing.state, session.files.reference, folder, delay, _Reports(on_ready, on_written, on_trouble)
         )

@@ -23,6 +23,7 @@ from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write, is_abandoned, sweep
 from deformnb.io.files.errors import printable
 from deformnb.io.files.folders import state_home
+from deformnb.io.files.paths import as_path
 from deformnb.volume.volume import Grid, VolumeLike
 
 AUTOSAVE_FORMAT = "deformnb-autosave"
@@ -213,7 +214,7 @@ def saved_sessions(
     []
     """
     reference = volume if isinstance(volume, VolumeReference) else VolumeReference.of(volume)
-    found = read_entries(folder or state_folder(), reference.sha256[:16])
+    found = read_entries(as_path(folder) if folder else state_folder(), reference.sha256[:16])
     return [entry for entry in found if _same(entry.volume, reference) and (every or entry.is_lost)]
 
 

@@ -21,7 +21,9 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
 from deformnb.document.transplant import transplant
 from deformnb.errors import Cancelled, DeformError
+from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import atomic_write
+from deformnb.io.files.paths import as_path
 from deformnb.io.landmarks.formats import is_landmarks
 from deformnb.io.meshes.formats import is_mesh
 from deformnb.io.volumes.formats import find_format, read_volume, write_volume
@@ -65,7 +67,7 @@ def inputs_of(paths: Sequence[str | PathLike[str]]) -> list[Path]:
         If one is not there, a folder holds nothing that can be deformed, or two files have one name.
     """
     found: list[Path] = []
-    for path in map(Path, paths):
+    for path in map(input_path, paths):
         if not path.exists():
             raise DeformError(f"there is no file {path}.")
         inside = sorted(p for p in path.iterdir() if p.is_file() and _is_known(p)) if path.is_dir() else [path]
@@ -143,7 +145,7 @@ def replay(
     """
     if isinstance(inputs, str | PathLike) or not isinstance(inputs, Iterable):
         raise DeformError(f"the inputs are a list of paths, got {short_value(inputs)}.")
-    files, target = inputs_of(list(inputs)), Path(folder)
+    files, target = inputs_of(list(inputs)), as_path(folder)
     outputs = [target / _rename(path, suffix) for path in files]
     _check_outputs(files, outputs)
     target.mkdir(parents=True, exist_ok=True)

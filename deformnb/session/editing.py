@@ -15,7 +15,7 @@ from deformnb.document.deformation import STEP_LABELS, Deformation, Step
 from deformnb.document.edits import complete_change, initial_step, points_between
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.rigid import RigidPart, carry_points, without_conflicts
+from deformnb.rbf.rigid import HeldPointRule, RigidPart, carry_points, without_conflicts
 from deformnb.session.history import History, HistoryNode
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
@@ -297,7 +297,7 @@ class Editing(traitlets.HasTraits):
             fields = {} if step.maps == self.step.maps else {"maps": step.maps}
             self.change(label or "change rigid parts", kind, slides=slides, parts=parts, **fields)
 
-    def add_part(self, part: RigidPart, label: str = "", *, held: str = "refuse") -> None:
+    def add_part(self, part: RigidPart, label: str = "", *, held: HeldPointRule = "refuse") -> None:
         """One more rigid part on the step being edited, as one edit together with what becomes of the points in it.
 
         Parameters

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +116,10 @@ def widen(step: Step, picture: Picture) -> Step:
     return step.with_points(ControlPoints.from_arrays(source, source + moved))
 
 
-EXAMPLES: dict[str, Example] = {
+ExampleName: TypeAlias = Literal["bend", "widen", "open", "thompson"]
+"""Names of the examples."""
+
+EXAMPLES: dict[ExampleName, Example] = {
     "bend": Example("Bend it", "Bend the subject to an arc", bend, (1.25, math.inf)),
     "widen": Example("Widen it", "Move both sides outwards by the same amount", widen, (1.0, _ELONGATED)),
     "open": Example("Cut it open", "An incision in front, and two points that pull it open", open_cut),
@@ -145,7 +149,7 @@ def fitting_examples(session: Session) -> tuple[str, ...]:
     return tuple(name for name, one in EXAMPLES.items() if one.elongation[0] <= elongation <= one.elongation[1])
 
 
-def apply_example(session: Session, name: str) -> None:
+def apply_example(session: Session, name: ExampleName) -> None:
     """Replace the step that is edited by an example, as one edit.
 
     Raises

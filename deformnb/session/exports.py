@@ -33,6 +33,7 @@ from deformnb.session.files import Files
 from deformnb.session.pictures import PictureSettings
 from deformnb.session.session import Session
 from deformnb.volume.channels import Channels
+from deformnb.volume.colour_maps import ColourMapName
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper, warp, warp_all
@@ -70,7 +71,7 @@ class Frozen:
     document: Deformation
     picture: PictureSettings
     window: tuple[float, float] | None
-    colour_map: str
+    colour_map: ColourMapName
     transfer: TransferFunction
     seen: DisplaySettings
     files: Files

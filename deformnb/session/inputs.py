@@ -16,11 +16,13 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.json_reader import without_surrogates
 from deformnb.errors import DeformError
 from deformnb.io.documents import read_deformation
+from deformnb.io.files.paths import address_of
 from deformnb.io.meshes.formats import is_mesh, read_mesh
 from deformnb.io.volumes.formats import describe_file, read_volume
 from deformnb.io.volumes.series import is_series, open_series
 from deformnb.volume.channels import Channels
 from deformnb.volume.converters import convert
+from deformnb.volume.plane import ViewName
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Grid, Volume, as_spacing, as_volume
 from deformnb.warping.mesh import Mesh, as_mesh, fill_distance, grid_around, is_surface, signed_distance
@@ -104,7 +106,7 @@ def source_of(given: Any) -> str:
         return ""
     path = without_surrogates(json.dumps(str(given), ensure_ascii=False))
     if not is_mesh(given):
-        is_of_channels = Path(given).is_file() and is_series(given)
+        is_of_channels = bool(address_of(given) or Path(given).is_file()) and is_series(given)
         return f"dn.io.read_channels({path}).brightness()" if is_of_channels else f"dn.read_volume({path})"
     return f"dn.warping.fill_distance(dn.warping.signed_distance(dn.read_mesh({path})))"
 
@@ -129,7 +131,7 @@ def as_deformation(given: Any) -> Deformation | None:
 SILHOUETTE_SMOOTHING = 0.01
 
 
-def best_view(volume: Volume) -> str:
+def best_view(volume: Volume) -> ViewName:
     """The side that shows most of the subject: the one with the longest silhouette; that of a picture for one slice.
 
     The length of the silhouette is the measure of viewpoints by O. Polonsky et al., "What's in an image? Towards the
@@ -149,10 +151,12 @@ def best_view(volume: Volume) -> str:
     _, air, _, _ = levels(volume)
     subject = volume.finite_values > air
     dx, dy, dz = volume.grid.spacing
-    lengths = {
-        view: silhouette_length(np.asarray(subject.any(axis=axis)), spacing)
-        for view, axis, spacing in (("+y", 1, (dz, dx)), ("-x", 2, (dz, dy)), ("-z", 0, (dy, dx)))
-    }
+    sides: tuple[tuple[ViewName, int, tuple[float, float]], ...] = (
+        ("+y", 1, (dz, dx)),
+        ("-x", 2, (dz, dy)),
+        ("-z", 0, (dy, dx)),
+    )
+    lengths = {view: silhouette_length(np.asarray(subject.any(axis=axis)), spacing) for view, axis, spacing in sides}
     return max(lengths, key=lambda view: lengths[view])
 
 

@@ -14,16 +14,16 @@ from deformnb._typing import Floats, Progress
 from deformnb.checks import check_choice, check_window
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
-from deformnb.imaging.projection import OF_CHANNELS, PROJECTIONS, project, project_channels
+from deformnb.imaging.projection import OF_CHANNELS, PROJECTIONS, ProjectionName, project, project_channels
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.editing import Editing
 from deformnb.session.latest import Latest
 from deformnb.session.view_state import ViewState
 from deformnb.volume.channels import ChannelDisplay, Channels
 from deformnb.volume.clip import Clip, framed_box
-from deformnb.volume.colour_maps import COLOUR_MAPS
+from deformnb.volume.colour_maps import COLOUR_MAPS, ColourMapName
 from deformnb.volume.plane import Picture, Plane, Slices
-from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.transfer import PresetName, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import coarse_tissue, foreground_shares
 from deformnb.warping.warper import warp_all
@@ -44,7 +44,7 @@ class PictureSettings:
     """
 
     plane: Plane
-    method: str
+    method: ProjectionName
     depth: float | None = None
     transfer: TransferFunction | None = None
     displays: tuple[ChannelDisplay, ...] = ()
@@ -55,8 +55,9 @@ class PictureSettings:
 
     def picture_of_channels(self, channels: Channels, progress: Progress | None = None) -> Picture:
         """The picture of channels in their colours."""
+        method: Any = self.method
         return project_channels(
-            channels, self.plane, self.method, displays=self.displays, depth=self.depth, progress=progress
+            channels, self.plane, method, displays=self.displays, depth=self.depth, progress=progress
         )
 
 
@@ -72,7 +73,7 @@ class _Styled(NamedTuple):
 
     picture: Picture
     window: tuple[float, float]
-    colour_map: str
+    colour_map: ColourMapName
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class _Made:
     picture: Latest[_Drawn, Picture] = field(default_factory=Latest)
     deformed: Latest[_Drawn, Picture] = field(default_factory=Latest)
     styled: Latest[_Styled, Picture] = field(default_factory=Latest)
-    transfer: Latest[str | TransferFunction, TransferFunction] = field(default_factory=Latest)
+    transfer: Latest[PresetName | TransferFunction, TransferFunction] = field(default_factory=Latest)
 
 
 def _drags(step: Step) -> bool:
@@ -121,10 +122,10 @@ class Pictures(traitlets.HasTraits):
     ((8, 16), 8)
     """
 
-    method = traitlets.Enum(list(PROJECTIONS), "mip")
+    method: ProjectionName = traitlets.Enum(list(PROJECTIONS), "mip")  # type: ignore[assignment]
     depth = traitlets.Float(0.0)
     window = traitlets.Any(None)
-    colour_map = traitlets.Unicode(COLOUR_MAPS[0])
+    colour_map: ColourMapName = traitlets.Unicode(COLOUR_MAPS[0])  # type: ignore[assignment]
     channel_displays = traitlets.Tuple()
     ambient_occlusion = traitlets.Bool(True)
     transfer = traitlets.Any("specimen")
@@ -334,9 +335,9 @@ class Pictures(traitlets.HasTraits):
 
     @traitlets.validate("transfer")
     def _valid_transfer(self, proposal: Any) -> Any:
-        value = proposal["value"]
+        value: Any = proposal["value"]
         if isinstance(value, str):
-            preset(value, self._volume)
+            preset(proposal["value"], self._volume)
         elif not isinstance(value, TransferFunction):
             raise DeformError(f"transfer must be a TransferFunction or the name of a preset, got {value!r:.60}.")
         return value

@@ -19,6 +19,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.transplant import with_true_spacing
 from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.io.documents import read_document
+from deformnb.io.files.paths import address_of
 from deformnb.registration.outlines import OUTLINE_POINT, fix_outline, outline
 from deformnb.session.editing import Editing
 from deformnb.session.files import Files
@@ -28,7 +29,7 @@ from deformnb.session.results import Results
 from deformnb.session.steps import Steps
 from deformnb.session.view_state import ViewState
 from deformnb.volume.channels import ChannelsLike, as_channels
-from deformnb.volume.plane import Plane
+from deformnb.volume.plane import Plane, ViewName
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Grid, VolumeLike, as_grid, empty_note
 from deformnb.warping.points import Landmarks, LandmarksLike, as_landmarks
@@ -74,7 +75,7 @@ class Session:
         volume: ChannelsLike,
         deformation: Deformation | str | PathLike[str] | None = None,
         *,
-        view: str | Plane = "+y",
+        view: ViewName | Plane = "+y",
         output: Grid | VolumeLike | None = None,
         channels: ChannelsLike | None = None,
         source: str | None = None,
@@ -174,7 +175,7 @@ class Session:
         held = points.names.count(OUTLINE_POINT)
         self.editing.notice = f"{held} points hold the outline: a drag bends only the tissue around it."
 
-    def set_view(self, view: str | Plane) -> None:
+    def set_view(self, view: ViewName | Plane) -> None:
         """View from another side: back at the step made from there, or else on a new one after all others.
 
         So the volume is deformed on one picture, turned, and deformed on another (section 4.3 of the paper); the new
@@ -264,7 +265,8 @@ class Session:
         """
         document, content = read_document(path)
         self.take(document, allow_other_volume=allow_other_volume)
-        if self.files.saved is not None:  # else it was changed to fit, and the file has the old one
+        # Where it was changed to fit, the file has the old one; at an address nothing is saved.
+        if self.files.saved is not None and not address_of(path):
             self.files.known.remember(path, content)
             self.files.path = Path(path)
 

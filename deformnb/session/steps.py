@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deformnb.document.deformation import Step
+from deformnb.document.deformation import ModeName, Step
 from deformnb.document.edits import is_edited, is_view_name, next_view_name, turn_picture
 from deformnb.errors import DeformError
 from deformnb.session.editing import Editing
-from deformnb.volume.plane import VIEWS, Plane, side_words
+from deformnb.volume.plane import VIEWS, Plane, ViewName, side_words
 from deformnb.volume.volume import Grid
 
 
@@ -92,7 +92,7 @@ class Steps:
         """Set the name of a step; with an empty name its side names it."""
         self._change(index, f"rename step {index + 1}", name=str(name))
 
-    def set_mode(self, mode: str) -> None:
+    def set_mode(self, mode: ModeName) -> None:
         """Set the composition of the steps: "compose" one after the other, "blend" the sum of their displacements."""
         editing = self._editing
         with editing.lock:
@@ -145,7 +145,7 @@ class Steps:
         planes = (step.plane for step in steps if step.plane is not None)
         return next((known for known in planes if known.has_same_directions(plane)), plane)
 
-    def nearest_side(self, plane: Plane) -> str:
+    def nearest_side(self, plane: Plane) -> ViewName:
         """The name of the side from which a picture differs least."""
         sides = ((name, Plane.from_view(self._editing.grid, name)) for name in VIEWS)
         return max(sides, key=lambda side: float(np.dot(side[1].normal, plane.normal)))[0]

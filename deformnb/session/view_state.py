@@ -7,15 +7,15 @@ with an edit, and two documents that differ only in it are the same.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
-from deformnb.checks import check_fields, check_window
+from deformnb.checks import check_choice, check_fields, check_window
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_reader import JsonReader
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.volume.colour_maps import COLOUR_MAPS
-from deformnb.volume.transfer import PRESETS, TransferFunction
+from deformnb.volume.transfer import PRESETS, PresetName, TransferFunction
 
 FIELD = "look"
 MOST_TRANSFER_NODES = 1024
@@ -37,7 +37,7 @@ class ViewState:
     ambient_occlusion : whether hollows of the volume are darker; the default, which is on, is not stored.
     """
 
-    transfer: str | TransferFunction | None = None
+    transfer: PresetName | TransferFunction | None = None
     method: str | None = None
     depth: float | None = None
     window: tuple[float, float] | None = None
@@ -46,6 +46,8 @@ class ViewState:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if isinstance(self.transfer, str):
+            check_choice(self.transfer, PRESETS, "transfer function")
 
     def add_to(self, deformation: Deformation) -> Deformation:
         """A document with this view state."""
@@ -114,10 +116,10 @@ def without_view_state(deformation: Deformation) -> Deformation:
     return replace(deformation, extra={key: value for key, value in deformation.extra.items() if key != FIELD})
 
 
-def _transfer(r: JsonReader) -> str | TransferFunction | None:
+def _transfer(r: JsonReader) -> PresetName | TransferFunction | None:
     named = r.value("transfer", (str, dict), "")
     if isinstance(named, str):
-        return named if named in PRESETS else None
+        return next((name for name in get_args(PresetName) if name == named), None)
     part = r.part("transfer")
     try:
         return TransferFunction(_nodes(part, "colors", 4), _nodes(part, "opacities", 2), part.number("unit"))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from deformnb._typing import Float3
 from deformnb.checks import check_fields, check_window, finite_array, short_value
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volumes
+
+ChannelKind: TypeAlias = Literal["channels", "rgb", "rgba"]
+"""Names of the meanings of several channels."""
 
 CHANNEL_KINDS = {"channels": 0, "rgb": 3, "rgba": 4}
 """Meanings of several channels, with their number: any, or the parts of a colour."""
@@ -112,7 +115,7 @@ class Channels:
 
     volumes: tuple[Volume, ...]
     colours: tuple[Colour, ...] = ()
-    kind: str = "channels"
+    kind: ChannelKind = "channels"
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -150,7 +153,7 @@ class Channels:
         grid: Grid | None = None,
         names: Sequence[str] = (),
         colours: Sequence[Colour] = (),
-        kind: str = "channels",
+        kind: ChannelKind = "channels",
         name: str = "",
     ) -> Channels:
         """Channels of an array [z, y, x, c], or [y, x, c] for one slice; names are by default those of their kind."""
@@ -302,7 +305,7 @@ def luma(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     return (np.floor(grey + 0.5) if dtype.kind in "iu" else grey).astype(dtype)
 
 
-def usual_names(count: int, kind: str = "channels") -> tuple[str, ...]:
+def usual_names(count: int, kind: ChannelKind = "channels") -> tuple[str, ...]:
     """Names of channels whose file has none.
 
     Examples

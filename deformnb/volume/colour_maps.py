@@ -9,6 +9,7 @@ colours, with straight lines between them: off by at most 4 of 255, where cividi
 from __future__ import annotations
 
 from functools import cache
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,10 @@ _KNOTS = {
     ),
 }
 
-COLOUR_MAPS = ("grey", *_KNOTS)
+ColourMapName: TypeAlias = Literal["grey", "viridis", "magma", "inferno", "cividis", "bone"]
+"""Names of the colour maps."""
+
+COLOUR_MAPS: tuple[ColourMapName, ...] = get_args(ColourMapName)
 """Colour maps by name; the first is the default."""
 
 

@@ -19,7 +19,7 @@ from deformnb._entrances import READERS
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.volume import labelled, layers
-from deformnb.volume.channels import Channels
+from deformnb.volume.channels import ChannelKind, Channels
 from deformnb.volume.volume import Grid, Volume, nibabel_unit, optional_package, pyvista_parts, refuse_lazy
 
 Converter: TypeAlias = Callable[[Any], Volume | Channels]
@@ -197,7 +197,8 @@ def _numbers(given: Any) -> Any:
 def _components(values: NDArray[Any], grid: Grid, name: str) -> Channels:
     """Channels of an array [z, y, x, c], on a grid; three or four of bytes are the parts of a colour."""
     count = values.shape[-1]
-    kind = {3: "rgb", 4: "rgba"}.get(count, "channels") if values.dtype == np.uint8 else "channels"
+    kinds: dict[int, ChannelKind] = {3: "rgb", 4: "rgba"}
+    kind = kinds.get(count, "channels") if values.dtype == np.uint8 else "channels"
     return Channels.from_array(values, grid, kind=kind, name=name)
 
 

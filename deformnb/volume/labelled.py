@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from deformnb.checks import finite_array
 from deformnb.errors import DeformError
-from deformnb.volume.channels import Channels
+from deformnb.volume.channels import ChannelKind, Channels
 from deformnb.volume.units import UNITS, common_unit, parse_unit
 from deformnb.volume.volume import EVEN, Grid, Volume, VolumeLike, as_volume, optional_package, refuse_lazy
 
@@ -213,7 +213,7 @@ def volume_or_channels(given: Any, *, is_labels: bool | None = None) -> Volume |
     if len(more) == 1 and str(more[0]).lower() in _CHANNELS:
         stack = np.moveaxis(values.reshape(-1, *axes.grid.shape), 0, -1)
         is_colour = str(more[0]).lower() in _COLOURS and stack.shape[-1] in (3, 4)
-        kind = {3: "rgb", 4: "rgba"}[stack.shape[-1]] if is_colour else "channels"
+        kind: ChannelKind = "channels" if not is_colour else "rgb" if stack.shape[-1] == 3 else "rgba"
         names = () if is_colour or more[0] not in array.coords else tuple(map(str, array.coords[more[0]].values))
         return Channels.from_array(stack, axes.grid, names, kind=kind, name=name)
     if more:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,10 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._typing import Float3
 from deformnb.checks import check_fields, finite_array, finite_number
 from deformnb.errors import DeformError
-from deformnb.volume.colour_maps import colour_table
+from deformnb.volume.colour_maps import ColourMapName, colour_table
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, VolumeLike, as_finest_grid, as_grid
 
-VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
+ViewName: TypeAlias = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+"""Names of the viewing directions."""
+
+VIEWS: tuple[ViewName, ...] = get_args(ViewName)
 """Viewing directions. "+y" views along growing y: in LPS from the front (anterior) to the back of a patient."""
 
 SIDES = {
@@ -222,7 +225,7 @@ class Plane:
         return Plane(_triple(np.array(self.origin) + depth * np.array(self.normal), "origin"), self.u, self.v)
 
     @classmethod
-    def from_view(cls, grid: Grid | VolumeLike, view: str = "+y", depth: float | None = None) -> Plane:
+    def from_view(cls, grid: Grid | VolumeLike, view: ViewName = "+y", depth: float | None = None) -> Plane:
         """The plane of a picture of ``grid`` seen along one of its axes.
 
         Parameters
@@ -398,7 +401,7 @@ class Picture:
     window: tuple[float, float]
     grid: Grid | None = None
     unit: str = ""
-    colour_map: str = "grey"
+    colour_map: ColourMapName = "grey"
 
     def __repr__(self) -> str:
         high, wide = self.values.shape[:2]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,6 +161,9 @@ class Method:
     blends: bool
     is_spline: bool = False
 
+
+SamplingName: TypeAlias = Literal["nearest", "linear", "cubic"]
+"""Names of the ways to sample between voxels."""
 
 METHODS: dict[str, Method] = {
     "nearest": Method(nearest, blends=False),

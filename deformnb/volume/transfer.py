@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -625,6 +626,9 @@ def xray(volume: Volume) -> TransferFunction:
     return _function(volume, values, [(0.9, 0.94, 1.0)] * 5, alphas)
 
 
+PresetName: TypeAlias = Literal["specimen", "bone", "muscle", "surface", "xray"]
+"""Names of the transfer functions that fit themselves to a volume."""
+
 PRESETS: dict[str, Callable[[Volume], TransferFunction]] = {
     "specimen": specimen,
     "bone": bone,
@@ -635,7 +639,7 @@ PRESETS: dict[str, Callable[[Volume], TransferFunction]] = {
 """Transfer functions that fit themselves to a volume, by name; the first is the default."""
 
 
-def as_transfer(given: TransferFunction | str | None, volume: VolumeLike) -> TransferFunction:
+def as_transfer(given: TransferFunction | PresetName | None, volume: VolumeLike) -> TransferFunction:
     """A transfer function itself, or the preset of a name for a volume; None is the preset "specimen".
 
     Raises
@@ -652,7 +656,7 @@ def as_transfer(given: TransferFunction | str | None, volume: VolumeLike) -> Tra
     return given
 
 
-def preset(name: str, volume: VolumeLike) -> TransferFunction:
+def preset(name: PresetName, volume: VolumeLike) -> TransferFunction:
     """The preset of a name for a volume; DeformError listing the names if there is none.
 
     Examples

@@ -12,6 +12,7 @@ from deformnb._jax import check_process, jax, jnp
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.volume import sampling
+from deformnb.volume.sampling import SamplingName
 from deformnb.volume.volume import Grid
 from deformnb.warping import planning, xla_call
 
@@ -25,7 +26,7 @@ def warp_array(
     *,
     output: Grid | None = None,
     fill: float = 0.0,
-    method: str = "linear",
+    method: SamplingName = "linear",
 ) -> Any:
     """The deformed voxels as an array of JAX: ``out(x) = values(x + d(x))``.
 

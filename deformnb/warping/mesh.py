@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -296,7 +296,7 @@ def fill_distance(distance: VolumeLike, *, ramp: float | None = None) -> Volume:
     return replace(distance, values=grey.astype(np.uint8))
 
 
-def isosurface(volume: VolumeLike, level: float = 0.0, *, inside: str = "below") -> Mesh:
+def isosurface(volume: VolumeLike, level: float = 0.0, *, inside: Literal["below", "above"] = "below") -> Mesh:
     """The surface on which a volume has a value, found between voxels by linear interpolation.
 
     Parameters

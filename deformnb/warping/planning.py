@@ -29,7 +29,7 @@ from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, DisplacementField, grid_lines, raster_lines
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.plane import Plane, Raster
-from deformnb.volume.sampling import METHODS, NEAR
+from deformnb.volume.sampling import METHODS, NEAR, SamplingName
 from deformnb.volume.volume import Grid
 
 _Part = TypeVar("_Part")
@@ -69,7 +69,7 @@ NOT_FINITE = (
 )
 
 
-def check_method(method: str | None, *, discrete: bool) -> str:
+def check_method(method: SamplingName | None, *, discrete: bool) -> SamplingName:
     """The method, or its default; refused where it would make up labels."""
     if method is None:
         return "nearest" if discrete else "linear"

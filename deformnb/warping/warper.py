@@ -27,7 +27,7 @@ from deformnb.volume.channels import Channels
 from deformnb.volume.converters import convert
 from deformnb.volume.labelled import is_labelled, unstack
 from deformnb.volume.plane import Raster
-from deformnb.volume.sampling import METHODS
+from deformnb.volume.sampling import METHODS, SamplingName
 from deformnb.volume.volume import DTYPES, Grid, Volume, VolumeLike, as_grid, as_output, as_volume, as_volumes
 from deformnb.warping import planning
 from deformnb.warping.compositions import ComposedEvaluator, Displacements, Patch, Replacement
@@ -91,7 +91,7 @@ def warp(
     *,
     output: Grid | VolumeLike | None = None,
     fill: float | None = None,
-    method: str | None = None,
+    method: SamplingName | None = None,
     step: int = 1,
     progress: Progress | None = None,
 ) -> Channels: ...
@@ -104,7 +104,7 @@ def warp(
     *,
     output: Grid | VolumeLike | None = None,
     fill: float | None = None,
-    method: str | None = None,
+    method: SamplingName | None = None,
     step: int = 1,
     progress: Progress | None = None,
 ) -> Volume: ...
@@ -116,7 +116,7 @@ def warp(
     *,
     output: Grid | VolumeLike | None = None,
     fill: float | None = None,
-    method: str | None = None,
+    method: SamplingName | None = None,
     step: int = 1,
     progress: Progress | None = None,
 ) -> Any:
@@ -239,7 +239,7 @@ class Warper:
         *,
         output: Grid | VolumeLike | None = None,
         fill: float | None = None,
-        method: str | None = None,
+        method: SamplingName | None = None,
         step: int = 1,
     ) -> None:
         volume = as_volume(volume)
@@ -445,7 +445,7 @@ def warp_all(
     *,
     output: Grid | VolumeLike | None = None,
     fill: float | None = None,
-    method: str | None = None,
+    method: SamplingName | None = None,
     step: int = 1,
     progress: Progress | None = None,
 ) -> list[Volume]:
@@ -497,7 +497,7 @@ def warp_picture(
     *,
     output: Raster | None = None,
     fill: float | None = None,
-    method: str | None = None,
+    method: SamplingName | None = None,
 ) -> NDArray[Any]:
     """The deformed picture: ``output(a, b) = input((a, b) + D(a, b))``.
 

@@ -18,12 +18,12 @@ from deformnb.imaging.projection import project
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.registration.outlines import outline
 from deformnb.session.session import Session
-from deformnb.volume.plane import Picture, Plane, Raster
+from deformnb.volume.plane import Picture, Plane, Raster, ViewName
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.warping.foreground import foreground_level, tissue_test
 from deformnb.warping.points import warp_points
 
-SIDE = "-x"
+SIDE: ViewName = "-x"
 """The view in which the exercises are done: from the left."""
 
 LOOK_FROM_LEFT = "Work on the picture from the left (-x), where the head of the fish points left."

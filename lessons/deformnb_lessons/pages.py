@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from deformnb.checks import check_choice
 from deformnb.document.deformation import Deformation
 from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import ViewName
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.words import translate
 from deformnb_lessons.fish import GOAL_NODES
@@ -20,7 +21,7 @@ from deformnb_lessons.lesson import LESSONS
 from deformnb_lessons.moved_animal import lesson_carp
 from deformnb_lessons.studio_tasks import FishTask
 
-_SIDE = "-x"  # from the left, where the head points left
+_SIDE: ViewName = "-x"  # from the left, where the head points left
 _FRAME = [[0, 20], [508, 20], [508, 178], [0, 178]]  # of the carp itself
 _FRAME_NAMES = ["above the head", "above the tail", "below the tail", "below the head"]
 _CORNERS = [[0, 0], [508, 0], [508, 197], [0, 197]]

@@ -13,6 +13,7 @@ from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_box
 from deformnb.imaging.projection import project
 from deformnb.session.session import Session
+from deformnb.volume.plane import ViewName
 from deformnb.volume.volume import VolumeLike
 from deformnb.words import translate
 from deformnb_lessons.exercises import AbstractExercise, Result
@@ -85,7 +86,7 @@ class FishTask(AbstractExercise):
     target: str
     percent: float
 
-    def grids(self, volume: VolumeLike, side: str = SIDE) -> ThompsonMap:
+    def grids(self, volume: VolumeLike, side: ViewName = SIDE) -> ThompsonMap:
         """The pair of grids on the visible part of a volume, as it will be scored.
 
         Examples

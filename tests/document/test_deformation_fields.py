@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import types
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -139,6 +139,8 @@ def conforms(value: Any, hint: Any) -> bool:
         return type(value) is hint
     if hint is float:
         return type(value) in (int, float) and not math.isnan(value)
+    if origin is Literal:
+        return value in among
     return hint is Any or isinstance(value, origin or hint)
 
 

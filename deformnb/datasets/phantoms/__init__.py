@@ -17,12 +17,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from deformnb._typing import Progress
 from deformnb.datasets.phantoms import abdomen, bar, fish, head, horse, knee, lobster
 from deformnb.datasets.phantoms.scene import Part, PhantomScene, render, render_labels
 from deformnb.errors import DeformError
+from deformnb.volume.plane import ViewName
 from deformnb.volume.volume import Volume
+
+if TYPE_CHECKING:
+    from deformnb.imaging.projection import ProjectionName
 
 __all__ = ["PHANTOMS", "Part", "Phantom", "PhantomScene", "render", "render_labels"]
 
@@ -52,8 +57,8 @@ class Phantom:
     scene: Callable[[], PhantomScene]
     title: str
     figure: str
-    view: str
-    projection: str
+    view: ViewName
+    projection: ProjectionName
     axes: str
 
     def make(

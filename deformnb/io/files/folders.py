@@ -11,3 +11,11 @@ def state_home() -> Path:
     import platformdirs
 
     return Path(os.environ.get("DEFORMNB_STATE") or platformdirs.user_state_dir("deformnb")).expanduser()
+
+
+def data_home() -> Path:
+    """Folder of what is downloaded: ``DEFORMNB_DATA`` if that is set, else a folder in the user's cache."""
+    import platformdirs
+
+    chosen = os.environ.get("DEFORMNB_DATA")
+    return Path(chosen).expanduser() if chosen else platformdirs.user_cache_path("deformnb", appauthor=False) / "data"

@@ -22,9 +22,10 @@ import numpy as np
 
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
+from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.files.errors import Damage, fail, printable
-from deformnb.io.files.paths import as_path, regular_file
+from deformnb.io.files.paths import as_path, named_path, regular_file
 from deformnb.io.files.texts import LONGEST_TABLE, decode_text
 from deformnb.io.landmarks.coordinates import coordinates
 from deformnb.io.landmarks.json_files import (
@@ -90,7 +91,7 @@ def is_landmarks(path: str | os.PathLike[str]) -> bool:
     >>> is_landmarks("mouse.mrk.json"), is_landmarks("session.json")
     (True, False)
     """
-    return _row(Path(path)) is not None
+    return _row(named_path(path)) is not None
 
 
 def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
@@ -113,7 +114,7 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
     >>> read_landmarks(file).names
     ('nose',)
     """
-    place = regular_file(as_path(path))
+    place = regular_file(input_path(path))
     row = check_landmark_target(place)
     with Damage(place, "leave out other lines than landmarks"):
         if place.stat().st_size > _LONGEST:
@@ -125,7 +126,7 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
 
 def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
     """Describe a landmark file for people."""
-    place, found = Path(path), read_landmarks(path)
+    place, found = input_path(path), read_landmarks(path)
     low, high = (", ".join(f"{c:.6g}" for c in end) for end in (found.points.min(axis=0), found.points.max(axis=0)))
     rows = {
         "file": printable(place.name),

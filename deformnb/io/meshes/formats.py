@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.errors import DeformError
+from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.files.errors import Damage, fail, human_bytes, printable
 from deformnb.io.files.memory import default_limit
-from deformnb.io.files.paths import as_path, regular_file
+from deformnb.io.files.paths import as_path, named_path, regular_file
 from deformnb.io.meshes.obj import read_obj, write_obj
 from deformnb.io.meshes.ply import read_ply, write_ply
 from deformnb.io.meshes.polygons import Polygons
@@ -62,7 +63,7 @@ def is_mesh(path: str | os.PathLike[str]) -> bool:
     >>> is_mesh("horse.PLY"), is_mesh("carp.nii.gz")
     (True, False)
     """
-    return _row(Path(path)) is not None
+    return _row(named_path(path)) is not None
 
 
 def read_mesh(path: str | os.PathLike[str], *, name: str | None = None, unit: str = "mm") -> Mesh:
@@ -88,7 +89,7 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None, unit: st
     >>> read_mesh(file).faces.tolist()
     [[0, 1, 2]]
     """
-    place = regular_file(as_path(path))
+    place = regular_file(input_path(path))
     row = _row(place)
     if row is None:
         raise fail(place, f"its suffix belongs to no kind of surface file; known are {mesh_suffixes()}.")
@@ -108,7 +109,7 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None, unit: st
 
 def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
     """Describe a surface file for people."""
-    mesh, place = read_mesh(path), Path(path)
+    mesh, place = read_mesh(path), input_path(path)
     low, high = (", ".join(f"{c:.6g}" for c in end) for end in mesh.box)
     row = _row(place)
     assert row is not None

@@ -18,10 +18,11 @@ import numpy as np
 
 from deformnb._typing import Progress
 from deformnb.checks import check_choice
+from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import check_target
 from deformnb.io.files.errors import Damage, fail, human_bytes, printable
 from deformnb.io.files.memory import available_memory
-from deformnb.io.files.paths import as_path, regular_file
+from deformnb.io.files.paths import as_path, named_path, regular_file
 from deformnb.io.transforms.displacement_images import read_displacements, write_displacements
 from deformnb.io.transforms.itk import read_itk, write_itk
 from deformnb.io.transforms.ngff import read_ngff, write_ngff
@@ -39,6 +40,7 @@ from deformnb.rbf.fields import (
     to_unit,
     with_unit,
 )
+from deformnb.rbf.forward import FitDirection
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.volume import Grid, VolumeLike, as_grid
 from deformnb.warping.inverse import Inverse, invert
@@ -111,7 +113,7 @@ def is_transform(path: str | os.PathLike[str], *, images: bool = False) -> bool:
     >>> is_transform("there.tfm"), is_transform("there.nii.gz")
     (True, False)
     """
-    row = _row(as_path(path))
+    row = _row(named_path(path))
     return row is not None and (images or not row.is_volume)
 
 
@@ -163,7 +165,7 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None 
     >>> read_transform(file).displacement([0.0, 0.0, 0.0]).tolist()
     [1.0, 2.0, 3.0]
     """
-    place = as_path(path)
+    place = input_path(path)
     row = _row(place)
     if row is None or not row.is_folder:
         regular_file(place)
@@ -183,7 +185,7 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None 
 
 def is_transform_file(path: str | os.PathLike[str]) -> bool:
     """Check whether a file that is there is a transform: by its ending, or by its header where others share that."""
-    place = as_path(path)
+    place = input_path(path)
     row = _row(place)
     if row is None:
         return False
@@ -209,7 +211,7 @@ def describe_transform(path: str | os.PathLike[str]) -> dict[str, str]:
     >>> describe_transform(file)["file"]
     'nothing.nrrd'
     """
-    place = as_path(path)
+    place = input_path(path)
     field, row = read_transform(place), _row(place)
     assert row is not None
     stated = read_remark(place)
@@ -271,7 +273,7 @@ def write_transform(
     grid: Grid | VolumeLike,
     *,
     inverse: str | os.PathLike[str] | None = None,
-    direction: str = "backward",
+    direction: FitDirection = "backward",
     overwrite: bool = True,
     progress: Progress | None = None,
 ) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,10 @@ _TAGS = [
     "PerFrameFunctionalGroupsSequence",
 ]
 
-UNEVEN = ("refuse", "resample")
+UnevenSlices: TypeAlias = Literal["refuse", "resample"]
+"""Names of the rules for uneven slices."""
+
+UNEVEN: tuple[UnevenSlices, ...] = get_args(UnevenSlices)
 """Rules for slices that are missing, unevenly spaced or shifted against each other by a tilted gantry."""
 
 # Transfer syntaxes whose pixels are pictures, by the end of their UID 1.2.840.10008.1.2.4, and their codecs.
@@ -196,7 +199,7 @@ def dicom_files(folder: Path) -> list[Path]:
     return found
 
 
-def read_header(path: Path, series: str | int | None = None, uneven_slices: str = "refuse") -> Header:
+def read_header(path: Path, series: str | int | None = None, uneven_slices: UnevenSlices = "refuse") -> Header:
     """Geometry and type of a series in a folder, or of the slices in one file.
 
     Parameters
@@ -437,7 +440,7 @@ def _place(one: _Slice) -> str:
     return ", ".join(f"{v:g}" for v in one.place.position)
 
 
-def _series_header(path: Path, slices: list[_Slice], notes: tuple[str, ...], uneven_slices: str) -> Header:
+def _series_header(path: Path, slices: list[_Slice], notes: tuple[str, ...], uneven_slices: UnevenSlices) -> Header:
     first = slices[0]
     height, width = first.shape
     x, y = first.place.cosines[:3], first.place.cosines[3:]

@@ -8,7 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,14 @@ from numpy.typing import NDArray
 from deformnb._typing import Float3, Progress, Spacing
 from deformnb.checks import is_finite, short_value
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
+from deformnb.io.files.addresses import input_path, split_progress
 from deformnb.io.files.atomic import check_target
 from deformnb.io.files.errors import Damage, fail, human_bytes, printable
 from deformnb.io.files.memory import default_limit
+from deformnb.io.files.objects import copied_from_disk, copied_to_disk, is_open_file, name_for
 from deformnb.io.files.paths import as_path, regular_file
 from deformnb.io.volumes import dicom, images, metaimage, nifti, nrrd, ome_zarr, raw, tiff, vti
+from deformnb.io.volumes.dicom import UnevenSlices
 from deformnb.io.volumes.headers import SINGLE, Header
 from deformnb.volume.channels import luma
 from deformnb.volume.known_spacings import known_spacing
@@ -217,9 +220,14 @@ def _writable() -> str:
     return ", ".join(suffix for entry in FORMATS.values() if entry.write for suffix in entry.suffixes)
 
 
-def existing_path(path: str | os.PathLike[str]) -> Path:
-    """The path of a file or a folder that is there; VolumeFileError else."""
-    place = as_path(path)
+def existing_path(path: str | os.PathLike[str] | Any, progress: Progress | None = None) -> Path:
+    """The path of a file or a folder that is there, or was copied from its address; VolumeFileError else.
+
+    Parameters
+    ----------
+    progress : of the copy.
+    """
+    place = input_path(path, progress)
     try:
         place.stat()
     except FileNotFoundError as error:
@@ -229,7 +237,9 @@ def existing_path(path: str | os.PathLike[str]) -> Path:
     return place
 
 
-def read_any_header(path: Path, series: str | int | None = None, uneven_slices: str = "refuse") -> tuple[str, Header]:
+def read_any_header(
+    path: Path, series: str | int | None = None, uneven_slices: UnevenSlices = "refuse"
+) -> tuple[str, Header]:
     """Name of the format, and the header, of a file or a folder that is there."""
     if path.is_dir():
         if dicom.dicom_files(path):
@@ -245,7 +255,7 @@ def read_any_header(path: Path, series: str | int | None = None, uneven_slices: 
 
 
 def read_volume(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | BinaryIO,
     *,
     name: str | None = None,
     series: str | int | None = None,
@@ -254,15 +264,17 @@ def read_volume(
     stride: int = 1,
     max_bytes: int | None = None,
     level: int | None = None,
-    uneven_slices: str = "refuse",
+    uneven_slices: UnevenSlices = "refuse",
     progress: Progress | None = None,
     unit: str | None = None,
+    suffix: str | None = None,
 ) -> Volume:
     """Read a volume file or a folder of slices.
 
     Parameters
     ----------
-    path : a file of one of :data:`FORMATS`, or a folder with a DICOM series or TIFF slices.
+    path : a file of one of :data:`FORMATS`, or a folder with a DICOM series or TIFF slices; or its address (https, s3,
+        zip and others of fsspec), from which it is copied into the user's cache first; or an open file of bytes.
     name : of the volume; by default the file's name without its suffix.
     series : which DICOM series, if there are several (its number, UID or description).
     spacing : (x, y, z) instead of the file's; origin and direction are those of the file. By default the file's, but
@@ -279,6 +291,7 @@ def read_volume(
     progress : receives the share done, 0 to 1; may raise Cancelled.
     unit : of the lengths, for a file that states none or a wrong one: a symbol or a name of
         :data:`~deformnb.volume.units.UNITS`. By default that of the file; numbers are not converted in any case.
+    suffix : of an open file, by which its format is known (".nii.gz"); by default that of its name.
 
     Raises
     ------
@@ -295,7 +308,23 @@ def read_volume(
     >>> read_volume(folder / "a.nrrd").grid.spacing
     (1.0, 2.0, 3.0)
     """
-    place = existing_path(path)
+    if is_open_file(path):
+        with copied_to_disk(path, name_for(path, suffix)) as copy:
+            return read_volume(
+                copy,
+                name="" if name is None and suffix is not None else name,
+                series=series,
+                spacing=spacing,
+                is_labels=is_labels,
+                stride=stride,
+                max_bytes=max_bytes,
+                level=level,
+                uneven_slices=uneven_slices,
+                progress=progress,
+                unit=unit,
+            )
+    copied, progress = split_progress(path, progress)
+    place = existing_path(path, copied)
     step = _check_stride(stride)
     spacing = _check_spacing(spacing)
     given_unit = None if unit is None else check_unit(unit)
@@ -337,7 +366,12 @@ def read_volume(
 
 
 def write_volume(
-    volume: VolumeLike, path: str | os.PathLike[str], *, overwrite: bool = True, progress: Progress | None = None
+    volume: VolumeLike,
+    path: str | os.PathLike[str] | BinaryIO,
+    *,
+    overwrite: bool = True,
+    progress: Progress | None = None,
+    suffix: str | None = None,
 ) -> None:
     """Write a volume; the suffix chooses the format. It is written atomically.
 
@@ -345,9 +379,10 @@ def write_volume(
     ----------
     volume : the voxels and their grid; bool voxels become uint8 except in .npy and .raw, lengths in a unit that the
         format cannot state become millimetres.
-    path : ends in a suffix of a writable row of :data:`FORMATS`.
+    path : ends in a suffix of a writable row of :data:`FORMATS`; or an open file, of a format that is one file.
     overwrite : whether an existing file may be replaced.
     progress : receives the share done, 0 to 1; may raise Cancelled.
+    suffix : of an open file, by which its format is known (".nii.gz"); by default that of its name.
 
     Raises
     ------
@@ -362,6 +397,10 @@ def write_volume(
     >>> read_volume(file).shape
     (2, 3, 4)
     """
+    if is_open_file(path):
+        with copied_from_disk(path, name_for(path, suffix)) as copy:
+            write_volume(volume, copy, progress=progress)
+        return
     place, volume = as_path(path), as_volume(volume)
     _, entry = find_format(place, writing=True)
     check_target(place, overwrite=overwrite, folder_marks=entry.folder_marks)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from deformnb._typing import Progress
 from deformnb.errors import VolumeFileError
+from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import check_target
 from deformnb.io.files.errors import fail
 from deformnb.io.files.paths import as_path
@@ -56,7 +57,7 @@ def read_label_names(path: str | Path) -> dict[int, str]:
     >>> read_label_names(file.with_name("names.nii.gz"))
     {3: 'liver', 7: 'aorta'}
     """
-    path = as_path(path)
+    path = input_path(path)
     if path.suffix.lower() in (".nrrd", ".nhdr") and (own := segment_names(path)):
         return own
     if not path.name:  # a folder without a name, such as "."
@@ -84,7 +85,7 @@ def read_label_table(path: str | Path) -> dict[int, str]:
     >>> read_label_table(file)
     {95: 'femur', 96: 'tibia'}
     """
-    path = as_path(path)
+    path = input_path(path)
     try:
         if not is_label_table(path.name) or not path.is_file() or path.stat().st_size > _LONGEST:
             return {}
@@ -95,7 +96,7 @@ def read_label_table(path: str | Path) -> dict[int, str]:
 
 def is_segmentation_file(path: str | Path) -> bool:
     """Check whether a file is a segmentation of 3D Slicer, whose segments have names and colours."""
-    path = as_path(path)
+    path = input_path(path)
     return path.suffix.lower() in (".nrrd", ".nhdr") and path.is_file() and bool(segment_keys(path))
 
 
@@ -128,7 +129,7 @@ def write_segmentation(
     ...
     deformnb.errors.VolumeFileError: ...
     """
-    volume, path, like = as_volume(volume), as_path(path), as_path(like)
+    volume, path, like = as_volume(volume), as_path(path), input_path(like)
     if path.suffix.lower() != ".nrrd":
         raise fail(path, "the names of segments are written to .nrrd files only; name it .seg.nrrd.")
     if not is_segmentation_file(like):

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     import zarr
 
 ZARR_SUFFIX = ".zarr"
+
+OmeZarrVersion: TypeAlias = Literal["0.5", "0.4"]
+"""Versions of OME-Zarr that are written."""
 
 VERSIONS = {"0.5": 3, "0.4": 2}
 """Versions of OME-Zarr that are written, the usual one first, and the version of Zarr that each one has."""
@@ -634,7 +637,7 @@ def create_pyramid(
     is_labels: bool = False,
     fill: Any = 0,
     chunks: tuple[int, int, int] = CHUNK_SHAPE,
-    version: str = "0.5",
+    version: OmeZarrVersion = "0.5",
 ) -> list[Any]:
     """An empty pyramid in a new folder; returns its Zarr arrays, the finest first.
 

@@ -86,15 +86,16 @@ class Series:
         return self.layout.frames
 
     def __iter__(self) -> Iterator[Channels]:
+        kind: Any = self.layout.kind
         names = self.layout.names or (
-            usual_names(self.layout.channels, self.layout.kind) if self.layout.channels > 1 else (self.name,)
+            usual_names(self.layout.channels, kind) if self.layout.channels > 1 else (self.name,)
         )
         with Damage(self.path, "close other programs"):
             for stack in _stacks(self._header):
                 volumes = tuple(
                     Volume(values, self.grid, name, self._is_labels) for name, values in zip(names, stack, strict=True)
                 )
-                yield Channels(volumes, self.layout.colours, self.layout.kind, self.name)
+                yield Channels(volumes, self.layout.colours, kind, self.name)
 
 
 def open_series(

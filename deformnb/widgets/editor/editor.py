@@ -24,12 +24,12 @@ from deformnb.checks import check_window
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.imaging.preview import draw_preview
-from deformnb.rbf.cuts import CUT_RULES, Decoupled
+from deformnb.rbf.cuts import CUT_RULES, CutRuleName, Decoupled
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.support import lone_support
-from deformnb.volume.colour_maps import COLOUR_MAPS, colour_table
+from deformnb.volume.colour_maps import COLOUR_MAPS, ColourMapName, colour_table
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
@@ -254,7 +254,7 @@ class Editor(EditedPoints):
     points = PointsTrait(2)
     cuts = ShapesTrait("cuts", 2)
     parts = ShapesTrait("parts", 2)
-    cut_rule = traitlets.Enum(list(CUT_RULES), next(iter(CUT_RULES))).tag(sync=True)
+    cut_rule: CutRuleName = traitlets.Enum(list(CUT_RULES), next(iter(CUT_RULES))).tag(sync=True)  # type: ignore[assignment]
     density = traitlets.Int(16, min=0, max=64).tag(sync=True)
     show_grid = traitlets.Bool(True).tag(sync=True)
     grid_waits = traitlets.Bool(False, help="whether the grid is shown from the first edit on").tag(sync=True)
@@ -290,7 +290,7 @@ class Editor(EditedPoints):
     )
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
     window = traitlets.List(traitlets.Float(), help="values shown as black and white, set manually").tag(sync=True)
-    colour_map = traitlets.Enum(list(COLOUR_MAPS), COLOUR_MAPS[0])
+    colour_map: ColourMapName = traitlets.Enum(list(COLOUR_MAPS), COLOUR_MAPS[0])  # type: ignore[assignment]
     colours = traitlets.Bytes(b"", help="256 colours of the map, red, green, blue; empty for grey").tag(sync=True)
     deformed_image = traitlets.Bytes(b"", help="the picture of the deformed volume as PNG").tag(sync=True)
     deformed = traitlets.Dict(help="raster of that picture, and the points, cuts and parts it is of").tag(sync=True)

@@ -29,8 +29,9 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
 from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.support import lone_support
+from deformnb.volume.colour_maps import ColourMapName
 from deformnb.volume.plane import Picture
-from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.transfer import PresetName, TransferFunction, preset
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell, with_png
@@ -219,7 +220,7 @@ class SpaceEditor(EditedPoints):
         before: AbstractField | None = None,
         options: dict[str, Any] | None = None,
         window: tuple[float, float] | None = None,
-        transfer: TransferFunction | str = "specimen",
+        transfer: TransferFunction | PresetName = "specimen",
         **settings: Any,
     ) -> None:
         volume = as_volume(volume)
@@ -295,7 +296,7 @@ class SpaceEditor(EditedPoints):
         self.sender.is_moving = True
         self.before = field
 
-    def set_display(self, window: tuple[float, float] | None, colour_map: str) -> None:
+    def set_display(self, window: tuple[float, float] | None, colour_map: ColourMapName) -> None:
         """Show other values as black and white, None for the default, and slices in a colour map."""
         with self._lock:
             made = self._pictures

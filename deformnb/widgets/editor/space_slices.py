@@ -18,12 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.analysis.folds import Folds, find_folds, jacobian_determinant
 from deformnb.checks import check_window
 from deformnb.document.json_regions import region_to_data
-from deformnb.imaging.projection import project
+from deformnb.imaging.projection import ProjectionName, project
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.regions import HalfSpace
-from deformnb.volume.colour_maps import COLOUR_MAPS, colour_table
-from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.colour_maps import COLOUR_MAPS, ColourMapName, colour_table
+from deformnb.volume.plane import Plane, Raster, ViewName
 from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import coarse_tissue
@@ -31,7 +31,7 @@ from deformnb.warping.warper import Warper
 from deformnb.widgets.messages.editors import SliceProjection
 from deformnb.widgets.packed_volume import packed_volume, unit_of
 
-PANES = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
+PANES: dict[ViewName, str] = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
 """Viewing directions of the three pictures and what radiologists call them; a nose points up or to the left."""
 
 SLICE_PROJECTIONS = get_args(SliceProjection)
@@ -70,7 +70,7 @@ class Pane:
     is_anatomical: bool = True
 
     @classmethod
-    def of(cls, grid: Grid, view: str) -> Pane:
+    def of(cls, grid: Grid, view: ViewName) -> Pane:
         """The picture of a volume seen along one of its axes."""
         plane = Plane.from_view(grid, view, depth=0.0)
         corners = plane.to_plane(grid.corners())
@@ -177,7 +177,7 @@ class SpacePictures:
         volume: Volume,
         transfer: TransferFunction,
         window: tuple[float, float] | None = None,
-        colour_map: str = COLOUR_MAPS[0],
+        colour_map: ColourMapName = COLOUR_MAPS[0],
     ) -> None:
         self._colours = None if colour_map == COLOUR_MAPS[0] else colour_table(colour_map)
         self.volume, self.transfer, self.colour_map = volume, transfer, colour_map
@@ -194,7 +194,7 @@ class SpacePictures:
         greys = _grey(values, *self.window)
         return Shown(greys if self._colours is None else self._colours[greys], pane.raster(most))
 
-    def projection(self, index: int, field: AbstractField | None, method: str, *, is_quick: bool) -> Shown:
+    def projection(self, index: int, field: AbstractField | None, method: ProjectionName, *, is_quick: bool) -> Shown:
         """All of the deformed volume seen from one side; from fewer voxels if it is to be quick."""
         limit = (_MAXIMUM if method == "mip" else _LIGHT)[0 if is_quick else 1]
         key = (id(field), method, limit)
@@ -211,7 +211,7 @@ class SpacePictures:
             self._coarser[limit] = Volume(values, shown.volume.grid, self.volume.name)
         return self._coarser[limit]
 
-    def _project(self, volume: Volume, index: int, method: str) -> Shown:
+    def _project(self, volume: Volume, index: int, method: ProjectionName) -> Shown:
         plane = self.panes[index].plane
         picture = project(volume, plane, method, transfer=self.transfer)
         values = picture.rgb8() if picture.values.ndim == 3 else _grey(picture.values, *self.window)

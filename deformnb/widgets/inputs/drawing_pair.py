@@ -8,7 +8,7 @@ from typing import Any
 
 from deformnb._typing import Progress
 from deformnb.checks import short_value
-from deformnb.datasets.darcy import ThompsonMap, thompson_map
+from deformnb.datasets.darcy import ScaleName, ThompsonMap, thompson_map
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import project
 from deformnb.io import read_volume
@@ -118,7 +118,7 @@ class DrawingPair(Boxes):
             before.close()
         self._arrange()
 
-    def map(self, scale: str = "inside") -> ThompsonMap:
+    def map(self, scale: ScaleName = "inside") -> ThompsonMap:
         """The pair in the coordinates of the first picture, at its grid.
 
         Parameters

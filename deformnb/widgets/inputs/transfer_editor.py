@@ -17,7 +17,7 @@ from deformnb._weak import weakly
 from deformnb.errors import DeformError
 from deformnb.imaging.thumbnails import preset_thumbnails
 from deformnb.session.inputs import best_view
-from deformnb.volume.transfer import PRESETS, Histogram, TransferFunction, histogram, levels, preset
+from deformnb.volume.transfer import PRESETS, Histogram, PresetName, TransferFunction, histogram, levels, preset
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.image_encoding import as_png
@@ -89,7 +89,7 @@ class TransferEditor(AbstractEdited):
     def __init__(
         self,
         volume: VolumeLike,
-        transfer: TransferFunction | str = "specimen",
+        transfer: TransferFunction | PresetName = "specimen",
         *,
         worker: Worker | None = None,
         **traits: Any,
@@ -112,7 +112,7 @@ class TransferEditor(AbstractEdited):
     def volume(self, volume: Volume) -> None:
         volume = as_volume(volume)
         counts, extent = display_histogram(volume)
-        name = self.preset_name
+        name: Any = self.preset_name
         self._volume, self._extent = volume, extent
         with self.hold_sync():  # all in one message: histogram and nodes must match
             self.histogram = _bars(counts)
@@ -122,11 +122,11 @@ class TransferEditor(AbstractEdited):
             self._show()
         self._request_thumbnails()
 
-    def preset(self, name: str) -> None:
+    def preset(self, name: PresetName) -> None:
         """Take the preset of this name for the volume."""
         self.set_transfer(name)
 
-    def set_transfer(self, transfer: TransferFunction | str) -> None:
+    def set_transfer(self, transfer: TransferFunction | PresetName) -> None:
         """Take a transfer function, or the preset of a name."""
         if isinstance(transfer, str):
             found = preset(transfer, self._volume)
@@ -154,9 +154,9 @@ class TransferEditor(AbstractEdited):
         if not isinstance(value, dict):
             raise DeformError("a transfer function is nodes, colours, a window or the name of a preset.")
         if "preset" in value:
-            name = value["preset"]
-            if not isinstance(name, str):
+            if not isinstance(value["preset"], str):
                 raise DeformError("the name of a preset is a text.")
+            name: Any = value["preset"]
             return name, preset(name, self._volume)
         if "colors" in value:
             return "", self.transfer.with_colors(_stops(value["colors"], max(MOST_NODES, len(self.transfer.colors))))

@@ -391,7 +391,7 @@ class PicturePanel(Panel):
             return steps.view or ""
         return f"{_VIEW}{list(steps.oblique_views()).index(plane)}"
 
-    def _choose_side(self, value: str) -> None:
+    def _choose_side(self, value: Any) -> None:
         if value.startswith(_VIEW):
             self.session.set_view(list(self.session.steps.oblique_views())[int(value.removeprefix(_VIEW))])
         elif value:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import ipywidgets as ipw
 import numpy as np
@@ -28,6 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
+from deformnb.imaging.projection import ProjectionName
+from deformnb.io.files.paths import as_path
 from deformnb.session.exports import export
 from deformnb.session.inputs import (
     as_deformation,
@@ -41,7 +43,7 @@ from deformnb.session.inputs import (
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelsLike
 from deformnb.volume.converters import NO_PLACE
-from deformnb.volume.plane import Plane
+from deformnb.volume.plane import Plane, ViewName
 from deformnb.volume.volume import Grid, Volume, VolumeLike
 from deformnb.widgets.boxes import Boxes
 from deformnb.widgets.camera import picture_mode
@@ -79,11 +81,14 @@ from deformnb.widgets.view.picture_plane import ShowsPlane
 from deformnb.widgets.worker import Worker
 from deformnb.words import language as chosen_language
 
-VIEW_KINDS = ("live", "vtk")
+ViewKind: TypeAlias = Literal["live", "vtk"]
+"""Names of the views."""
+
+VIEW_KINDS: tuple[ViewKind, ...] = get_args(ViewKind)
 """Views by name: rendered in the browser, or by VTK in Python."""
 
 
-def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: int) -> Any:
+def make_view(kind: ViewKind | AbstractView, volume: Volume, transfer: Any, height: int) -> Any:
     """A view of the volume by its name in :data:`VIEW_KINDS`, or a custom one."""
     if isinstance(kind, AbstractView):
         if not (isinstance(kind, ipw.DOMWidget) and kind.has_trait("camera")):
@@ -304,10 +309,10 @@ class Studio(Boxes):
         volume: ChannelsLike,
         deformation: Deformation | str | PathLike[str] | None = None,
         *,
-        side: str | Plane | None = None,
-        method: str | None = None,
+        side: ViewName | Plane | None = None,
+        method: ProjectionName | None = None,
         transfer: Any = None,
-        view: str | AbstractView = "live",
+        view: ViewKind | AbstractView = "live",
         height: int = 600,
         folder: str | PathLike[str] = ".",
         labels: VolumeLike | None = None,
@@ -330,7 +335,7 @@ class Studio(Boxes):
         )
         if isinstance(deformation, (str, PathLike)):
             session.files.known.remember(deformation)
-        self._options = view, height, folder
+        self._options = view, height, as_path(folder)
         others = GivenVolumes(volume_for(labels, given, "labels"), label_names, volume_for(target, given, "target"))
         self._begin(session, others)
 
@@ -519,7 +524,7 @@ class Studio(Boxes):
         volume: ChannelsLike,
         deformation: Deformation | str | PathLike[str] | None = None,
         *,
-        side: str | Plane | None = None,
+        side: ViewName | Plane | None = None,
     ) -> None:
         """Continue with another volume in this place, with a separate session, editor and view.
 

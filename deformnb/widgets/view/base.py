@@ -21,12 +21,12 @@ from deformnb.checks import short_value
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.display import DisplaySettings
-from deformnb.rbf.cuts import Cut, Decoupled
+from deformnb.rbf.cuts import Cut, CutRuleName, Decoupled
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
-from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.transfer import PresetName, TransferFunction
 from deformnb.volume.volume import Grid, VolumeLike
 from deformnb.widgets.camera import update_camera
 from deformnb.widgets.messages.editors import PointsEdit
@@ -104,7 +104,7 @@ class AbstractView(ABC):
             following.close()
 
     @abstractmethod
-    def set_transfer(self, transfer: TransferFunction | str) -> None:
+    def set_transfer(self, transfer: TransferFunction | PresetName) -> None:
         """Show with other colours and opacities: a transfer function, or the name of a preset."""
 
     def set_camera(
@@ -218,7 +218,7 @@ class PlanarFit:
     settings: FitSettings
     parts: tuple[RigidPart, ...] = ()
     cuts: tuple[Cut, ...] = ()
-    cut_rule: str = "source"
+    cut_rule: CutRuleName = "source"
     softness: float = 1.0
     lone: float | None = None
 

@@ -26,7 +26,7 @@ from deformnb.errors import DeformError
 from deformnb.imaging.display import DisplaySettings
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
-from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.transfer import PresetName, TransferFunction
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait
@@ -177,7 +177,7 @@ class LiveView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=Vi
         self,
         volume: VolumeLike | None = None,
         *,
-        transfer: TransferFunction | str = "specimen",
+        transfer: TransferFunction | PresetName = "specimen",
         limit: int = MOST_VOXELS_SENT,
         map_size: int = MAP_SIZE,
         space_size: int = 64,
@@ -305,7 +305,7 @@ class LiveView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=Vi
             self.editor = editor
         self._fallback.update()
 
-    def set_transfer(self, transfer: TransferFunction | str) -> None:
+    def set_transfer(self, transfer: TransferFunction | PresetName) -> None:
         with self._lock:  # or the voxels get other levels meanwhile, and this would be a table for those of before
             made = self.source.set_transfer(transfer)
             if made is None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from deformnb.errors import DeformError
-from deformnb.volume.transfer import TransferFunction, as_transfer
+from deformnb.volume.transfer import PresetName, TransferFunction, as_transfer
 from deformnb.volume.volume import Volume
 from deformnb.widgets.messages.views import Chunk, ChunkRequest
 from deformnb.widgets.packed_volume import (
@@ -51,7 +51,7 @@ class PackedSource:
     (1, 2, 2)
     """
 
-    def __init__(self, post: Post, *, limit: int, transfer: TransferFunction | str) -> None:
+    def __init__(self, post: Post, *, limit: int, transfer: TransferFunction | PresetName) -> None:
         self._post = post
         self._limit, self._largest = int(limit), _LARGEST_TEXTURE
         self.wanted_transfer = transfer
@@ -114,7 +114,7 @@ class PackedSource:
         if self.volume is not None:
             self.put(self.volume, self._window, all_values=all_values)
 
-    def set_transfer(self, transfer: TransferFunction | str) -> tuple[TransferFunction, bytes] | None:
+    def set_transfer(self, transfer: TransferFunction | PresetName) -> tuple[TransferFunction, bytes] | None:
         """Take other colours.
 
         Returns

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.clip import WHOLE, Clip, ClipBox, check_clip, framed_box
 from deformnb.volume.coarsening import block_means, coarser
-from deformnb.volume.transfer import TransferFunction, as_transfer
+from deformnb.volume.transfer import PresetName, TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
 from deformnb.widgets.camera import (
@@ -138,13 +138,14 @@ def _render(
         )
     # Bytes instead of the volume's own values: the front end has those too, and a colour is looked up by value.
     transfer = scene.transfer.quantize(*scene.shown.window)
+    projection: Any = scene.projection
     return draw_core(
         seen,
         camera,
         size,
         transfer,
         background,
-        projection=scene.projection,
+        projection=projection,
         spacing=None if most is None else camera.sample_distance(seen.grid, size[1], per_voxel=1),
         part=part,
         ambience=_ambience(scene.shown.volume, transfer, field, box) if scene.ambient_occlusion else None,
@@ -221,7 +222,7 @@ class CoreScene:
         volume: Volume,
         size: tuple[int, int] = (720, 540),
         *,
-        transfer: TransferFunction | str = "specimen",
+        transfer: TransferFunction | PresetName = "specimen",
         projection: str = "shaded",
         background: str = "dark",
     ) -> None:
@@ -264,7 +265,7 @@ class CoreScene:
         self._field, self._output = wanted, output
         self.folding.set(None, wanted, output or self._volume.grid)
 
-    def set_transfer(self, transfer: TransferFunction | str) -> None:
+    def set_transfer(self, transfer: TransferFunction | PresetName) -> None:
         """Show with other colours and opacities."""
         self._wanted_transfer = transfer
         self._transfer = as_transfer(transfer, self._volume)
@@ -332,7 +333,10 @@ class CoreScene:
         """Nothing is held."""
 
 
-VIEW_METHODS = ("auto", "texture", "array", "core")
+ViewMethodName: TypeAlias = Literal["auto", "texture", "array", "core"]
+"""Names of the ways to draw a view in Python."""
+
+VIEW_METHODS: tuple[ViewMethodName, ...] = get_args(ViewMethodName)
 
 
 def make_scene(

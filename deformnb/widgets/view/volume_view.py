@@ -15,7 +15,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import traitlets
 
@@ -26,7 +26,7 @@ from deformnb.imaging.picking import surface_point
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.clip import Clip
-from deformnb.volume.transfer import PRESETS, TransferFunction, preset
+from deformnb.volume.transfer import PRESETS, PresetName, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera
@@ -53,7 +53,7 @@ from deformnb.widgets.view.picture_plane import ShowsPlane
 from deformnb.widgets.view.picture_sender import PictureSender
 from deformnb.widgets.view.scene_host import SceneContent, SceneHost
 from deformnb.widgets.view.space_points import ShowsPoints
-from deformnb.widgets.view.stills import VIEW_METHODS, make_scene
+from deformnb.widgets.view.stills import VIEW_METHODS, ViewMethodName, make_scene
 from deformnb.widgets.view.transport import draw_still, preview_png
 from deformnb.widgets.vtk.render_loop import SceneLoop
 
@@ -107,7 +107,7 @@ def about(volume: Volume, output: Grid | None) -> dict[str, Any]:
 
 
 def surface_reply(
-    content: SceneContent, request: SurfaceRequest, transfer: TransferFunction | str, method: str, clip: Clip
+    content: SceneContent, request: SurfaceRequest, transfer: TransferFunction | PresetName, method: Any, clip: Clip
 ) -> SurfaceFound:
     """The place where a ray meets what a view shows, for a front end that has no voxels."""
     place = surface_point(
@@ -130,6 +130,9 @@ def _trame_frames(view: VolumeView) -> Any:
 
     return TrameFrames(view)
 
+
+TransportName: TypeAlias = Literal["comm", "trame"]
+"""Names of the ways in which pictures reach the page."""
 
 TRANSPORTS: dict[str, Callable[[VolumeView], Any] | None] = {"comm": None, "trame": _trame_frames}
 """Transports of pictures to a front end, by name: None for the notebook's own channel, or the maker of another."""
@@ -226,11 +229,11 @@ class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=
         self,
         volume: VolumeLike | None = None,
         *,
-        transfer: TransferFunction | str = "specimen",
-        method: str = "auto",
+        transfer: TransferFunction | PresetName = "specimen",
+        method: ViewMethodName = "auto",
         map_size: int = MAP_SIZE,
         space_size: int = 64,
-        transport: str = "comm",
+        transport: TransportName = "comm",
         **traits: Any,
     ) -> None:
         self._method, self._transfer = method, transfer
@@ -303,7 +306,7 @@ class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=
         self.scene.put_field(field)
         self.scene.change("content", self._set_content)
 
-    def set_transfer(self, transfer: TransferFunction | str) -> None:
+    def set_transfer(self, transfer: TransferFunction | PresetName) -> None:
         content = self.scene.content
         _check(transfer, None if content is None else content.volume)
         self._transfer = transfer
@@ -521,6 +524,6 @@ class VolumeView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=
         return bundle if self.scene.content is None else with_png(bundle, self.preview_png)
 
 
-def _check(transfer: TransferFunction | str, volume: Volume | None) -> None:
+def _check(transfer: TransferFunction | PresetName, volume: Volume | None) -> None:
     if isinstance(transfer, str) and transfer not in PRESETS and volume is not None:
         preset(transfer, volume)  # raises for an unknown one

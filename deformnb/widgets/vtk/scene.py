@@ -42,7 +42,7 @@ from deformnb.rbf.fields import AbstractField, Composed, DisplacementField, Iden
 from deformnb.rbf.regions import Line
 from deformnb.volume.clip import WHOLE, Clip, check_clip, framed_box
 from deformnb.volume.plane import Plane, Raster
-from deformnb.volume.transfer import TransferFunction, as_transfer, levels
+from deformnb.volume.transfer import PresetName, TransferFunction, as_transfer, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
 from deformnb.widgets.camera import (
@@ -371,7 +371,7 @@ class VtkScene:
         volume: Volume,
         size: tuple[int, int] = (720, 540),
         *,
-        transfer: TransferFunction | str = "specimen",
+        transfer: TransferFunction | PresetName = "specimen",
         projection: str = "shaded",
         background: str = "dark",
         map_size: int = 192,
@@ -444,7 +444,7 @@ class VtkScene:
         self._field, self.shader.maps = wanted, maps
         self.folding.set(maps, wanted, output or grid)
 
-    def set_transfer(self, transfer: TransferFunction | str) -> None:
+    def set_transfer(self, transfer: TransferFunction | PresetName) -> None:
         """Show with other colours and opacities: a transfer function, or the name of a preset."""
         self._wanted_transfer = transfer
         self._transfer = as_transfer(transfer, self._volume)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from deformnb.document.deformation import Deformation
-from deformnb.session.examples import EXAMPLES, apply_example, fitting_examples
+from deformnb.session.examples import EXAMPLES, ExampleName, apply_example, fitting_examples
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, line
@@ -42,7 +42,7 @@ class ExamplesPanel(Panel):
         self.box = column(words, line(*self.buttons.values(), flex_flow="row wrap"))
         self.refresh()
 
-    def _applier(self, name: str) -> Callable[[], None]:
+    def _applier(self, name: ExampleName) -> Callable[[], None]:
         def apply() -> None:
             self.guard(lambda: apply_example(self.session, name))
             self.refresh()

@@ -19,6 +19,7 @@ from deformnb.datasets.darcy import HEADS, thompson_map, thompson_pairs
 from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_box
 from deformnb.imaging.thompson import GRID_OVERLAYS, draw_grids
+from deformnb.io.files.paths import as_path
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
@@ -90,7 +91,7 @@ class ThompsonPanel(Panel):
         self.is_alone = editor is None
         self.editor = make_editor(session, _HEIGHT) if editor is None else editor
         self._is_open = self.is_alone
-        self.figure = GridFigure(session, self.guard, self.editor, Path(folder))
+        self.figure = GridFigure(session, self.guard, self.editor, as_path(folder))
         self.own = OwnGrids(session, self.guard)
         self.views = GridViews(self.editor)
         self.box = column(row(*self._grid_settings()), self.own.box, self._settings(), self.views.box, self.figure.box)

@@ -1,0 +1,249 @@
+"""Files at addresses (URLs), copied into the cache of the user before they are read.
+
+A file at ``http`` or ``https`` is downloaded by pooch and kept, under the date and size that its server states, so that
+it comes once and a changed one comes again. A file or a folder at any other address (``s3``, ``zip``, ``memory``) is
+copied by the package fsspec. Both are refused where they would take more than half of the free disk.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+import tempfile
+from contextlib import suppress
+from http.client import HTTPException
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+from urllib.request import Request, url2pathname, urlopen
+
+from deformnb._typing import Progress
+from deformnb.errors import MissingPackageError, VolumeFileError
+from deformnb.io.files.errors import human_bytes, printable
+from deformnb.io.files.folders import data_home
+from deformnb.io.files.paths import address_of, as_path, format_address
+
+CHUNK_BYTES = 1 << 14
+"""Bytes of a download read at a time: about two hundred steps of the bar for the smallest data set."""
+
+SECONDS = 30
+"""Time in which a server has to answer."""
+
+_SHARE = 0.5  # of the free disk that one file may take
+
+
+class Meter:
+    """Progress of a download by pooch: passes it on to a bar or a function, and stops when too many bytes come.
+
+    pooch reports every chunk as a full one, and at the end calls ``reset`` and ``update`` with the length that the
+    server announced; so counts here may run one chunk ahead of the file.
+
+    Parameters
+    ----------
+    name : of the file, beside the bar.
+    most : bytes that may come.
+    whose : begins what is said of more bytes.
+    progress : True for a bar, False for none, a function called with 0..1; None is a bar on a terminal.
+    size : bytes that are expected; 0 is what the server announces.
+    """
+
+    def __init__(self, name: str, most: int, whose: str, progress: bool | Progress | None, size: int = 0) -> None:
+        self.total = 0  # set by pooch
+        self._most, self._name, self._whose, self._size = most, name, whose, size
+        self._seen = 0
+        self._tell = progress if callable(progress) else None
+        self._bar: Any = None
+        self._shown = sys.stderr.isatty() if progress is None else progress is True
+
+    def update(self, count: int) -> None:
+        """Count bytes that have come."""
+        self._seen += count
+        size = self._size or self.total
+        if self._seen >= self._most + CHUNK_BYTES:
+            raise OSError(f"{self._whose} {self._most:,} bytes")
+        if self._shown:
+            if self._bar is None:  # at the first bytes: without a network there is none
+                from tqdm.auto import tqdm
+
+                self._bar = tqdm(total=size or None, desc=self._name, unit="B", unit_scale=True, leave=False)
+            self._bar.update(count)
+        if self._tell is not None and size:
+            self._tell(min(1.0, self._seen / size))
+
+    def reset(self) -> None:
+        """Begin again, as pooch does once the file is whole."""
+        self._seen = 0
+        if self._bar is not None:
+            self._bar.reset()
+
+    def close(self) -> None:
+        """Remove the bar."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+
+def download(address: str, path: Path, meter: Meter, known_hash: str | None = None) -> None:
+    """Download through pooch: into a temporary file next to the target, checked, then renamed; removed on any failure.
+
+    Raises
+    ------
+    OSError
+        If there is no network, room or permission, or, for a ``known_hash``, another file comes.
+    """
+    import pooch
+
+    # pooch reports each new file on a logger that prints by default; the caller has the bar, or the path.
+    pooch.get_logger().setLevel("ERROR")
+    opened: list[Any] = []
+    downloader = pooch.HTTPDownloader(
+        progressbar=meter,
+        chunk_size=CHUNK_BYTES,
+        timeout=SECONDS,
+        hooks={"response": lambda response, **_: opened.append(response)},
+    )
+    try:
+        pooch.retrieve(address, known_hash=known_hash, fname=path.name, path=path.parent, downloader=downloader)
+    except ValueError as error:  # raised by pooch where the checksum differs
+        raise OSError("what came is not the published file, its checksum differs") from error
+    finally:
+        meter.close()
+        for response in opened:  # pooch leaves the connection open when anything goes wrong
+            response.close()
+
+
+def input_path(path: str | os.PathLike[str], progress: Progress | None = None) -> Path:
+    """The path of a file to read, with ``~`` expanded; a file at an address is copied to this machine first.
+
+    Parameters
+    ----------
+    path : of a file or a folder; or an address, whose scheme is file, http, https, or one that fsspec knows.
+    progress : receives the share that has come, 0 to 1; may raise Cancelled. Default is a bar on a terminal.
+
+    Raises
+    ------
+    VolumeFileError
+        If the scheme is unknown, the file is not there or too large, or there is no network; the address is named.
+    MissingPackageError
+        If the scheme needs a package that is not installed.
+
+    Examples
+    --------
+    >>> input_path("carp.nrrd").name, input_path("file:///scans/the%20carp.nrrd").name
+    ('carp.nrrd', 'the carp.nrrd')
+    """
+    address = address_of(path)
+    if not address:
+        return as_path(path)
+    scheme = address.partition(":")[0]
+    if scheme == "file":
+        return Path(url2pathname(address.removeprefix("file://")))
+    return (_from_web if scheme in ("http", "https") else _from_fsspec)(address, progress)
+
+
+def split_progress(path: object, progress: Progress | None) -> tuple[Progress | None, Progress | None]:
+    """Receivers of progress for the copy of a file at an address and its reading, each half; all is reading else."""
+    if progress is None or not address_of(path):
+        return None, progress
+    whole = progress
+    return lambda share: whole(share / 2), lambda share: whole(0.5 + share / 2)
+
+
+def _from_web(address: str, progress: Progress | None) -> Path:
+    shown, scheme, host = format_address(address), *urlsplit(address)[:1], urlsplit(address).hostname
+    name = _name(urlsplit(address).path)
+    if name.lower().endswith(".zarr"):
+        raise VolumeFileError(f"{shown}: a folder of Zarr cannot be listed at {scheme}; download it first.")
+    try:
+        state = _state_at(address)
+        path = _place(address, state, name)
+        if state and path.is_file():
+            return path
+        room = _room(path)
+        meter = Meter(name, room, "the server sends more than half of the free disk,", progress)
+        path.unlink(missing_ok=True)
+        download(address, path, meter)
+    except OSError as error:  # requests' errors are OSErrors
+        said = printable(error).replace(address, shown).rstrip(".")
+        reason = type(error).__name__ if len(said) > 120 or not said else said
+        raise VolumeFileError(f"{shown} could not be downloaded from {host} ({reason}).") from error
+    return path
+
+
+def _state_at(address: str) -> str:
+    """The tag, date and size that a server states of a file. Empty where it does not, so that the file comes anew."""
+    with (
+        suppress(OSError, ValueError, HTTPException),  # the download says what is wrong
+        urlopen(Request(address, method="HEAD"), timeout=SECONDS) as answer,
+    ):
+        return "|".join(answer.headers.get(key, "") for key in ("ETag", "Last-Modified", "Content-Length")).strip("|")
+    return ""
+
+
+def _from_fsspec(address: str, progress: Progress | None) -> Path:
+    shown, scheme = format_address(address), address.partition(":")[0]
+    try:
+        import fsspec
+        from fsspec.core import url_to_fs
+    except ImportError as error:
+        raise MissingPackageError(
+            f"{shown}: addresses of {scheme} are read by the package fsspec, which is not installed: pip install fsspec"
+        ) from error
+    if scheme not in fsspec.available_protocols():
+        raise VolumeFileError(
+            f"{shown}: {scheme} is no kind of address that is read; known are file, http, https and those of the "
+            "package fsspec, such as s3, zip and memory."
+        )
+    try:
+        system, inner = url_to_fs(address)
+        if not system.exists(inner):
+            raise VolumeFileError(f"{shown}: there is nothing at this address.")
+        is_folder = system.isdir(inner)
+        path = _place(address, str(system.ukey(inner)) if not is_folder else "", _name(inner))
+        if not is_folder and path.is_file():
+            return path
+        size, room = system.du(inner) if is_folder else system.size(inner) or 0, _room(path)
+        if size > room:
+            raise VolumeFileError(f"{shown} has {human_bytes(size)}, more than half of the free disk.")
+        _copy(system, inner, path, is_folder, fsspec.callbacks.Callback(hooks={"share": _teller(progress)}))
+    except ImportError as error:
+        raise MissingPackageError(f"{shown}: {printable(error)}") from error
+    except VolumeFileError:
+        raise
+    except Exception as error:  # the errors of some fifty kinds of servers
+        raise VolumeFileError(f"{shown} cannot be read ({type(error).__name__}: {printable(error)}).") from error
+    return path
+
+
+def _copy(system: Any, inner: str, path: Path, is_folder: bool, callback: Any) -> None:
+    """Copy a file or a folder into a new folder beside its place, then rename it."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        part = Path(folder) / path.name
+        if is_folder:
+            system.get(inner, str(part), recursive=True)
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            system.get_file(inner, str(part), callback=callback)
+        part.replace(path)
+
+
+def _teller(progress: Progress | None) -> Any:
+    return lambda size, value, **_: progress(min(1.0, value / size)) if progress is not None and size else None
+
+
+def _name(path: str) -> str:
+    return unquote(path.rstrip("/").rpartition("/")[2]).replace("/", "_") or "file"
+
+
+def _place(address: str, state: str, name: str) -> Path:
+    """The path in the cache of a file in one state; its folder is made."""
+    key = hashlib.sha256(f"{address}\n{state}".encode("utf-8", "surrogatepass")).hexdigest()[:32]
+    path = data_home() / "addresses" / key / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def _room(path: Path) -> int:
+    return int(_SHARE * shutil.disk_usage(path.parent).free)

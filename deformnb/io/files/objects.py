@@ -1,0 +1,84 @@
+"""Open files and bytes in memory in place of paths: written to a temporary file to be read, and read from one."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO, TypeGuard
+
+from deformnb.checks import short_value
+from deformnb.errors import DeformError, VolumeFileError
+from deformnb.io.files.streams import CHUNK
+
+
+def is_open_file(given: object) -> TypeGuard[BinaryIO]:
+    """Check whether an object is an open file, such as ``open(path, "rb")`` or ``io.BytesIO()``.
+
+    Examples
+    --------
+    >>> import io
+    >>> is_open_file(io.BytesIO()), is_open_file("carp.nrrd"), is_open_file(io.BytesIO)
+    (True, False, False)
+    """
+    return not isinstance(given, type) and (hasattr(given, "read") or hasattr(given, "write"))
+
+
+def name_for(file: Any, suffix: str | None) -> str:
+    """The name of a file that states its format: by ``suffix``, else its own.
+
+    Raises
+    ------
+    DeformError
+        If it has none and no suffix is given.
+    """
+    if suffix is not None:
+        if not isinstance(suffix, str) or not suffix.strip(". ") or "/" in suffix or "\\" in suffix:
+            raise DeformError(f'suffix is the ending of a name, such as ".nii.gz", got {short_value(suffix)}.')
+        return f"file.{suffix.lstrip('.')}"
+    own = getattr(file, "name", None)
+    if isinstance(own, str) and Path(own).suffix:
+        return Path(own).name
+    raise DeformError('an open file without a name needs its format: suffix=".nii.gz", ".nrrd" or another.')
+
+
+@contextmanager
+def copied_to_disk(file: BinaryIO, name: str) -> Iterator[Path]:
+    """Copy the rest of an open file into a temporary one, which is removed afterwards.
+
+    Raises
+    ------
+    VolumeFileError
+        If it gives no bytes, or takes more than half of the free disk.
+    """
+    with tempfile.TemporaryDirectory(prefix="deformnb-") as folder:
+        path, room = Path(folder) / name, shutil.disk_usage(folder).free // 2
+        with path.open("wb") as target:
+            while chunk := file.read(CHUNK):
+                if not isinstance(chunk, bytes | bytearray | memoryview):
+                    raise VolumeFileError(f"an open file must give bytes, got {type(chunk).__name__}: open it as 'rb'.")
+                room -= len(chunk)
+                if room < 0:
+                    raise VolumeFileError("an open file takes more than half of the free disk.")
+                target.write(chunk)
+        yield path
+
+
+@contextmanager
+def copied_from_disk(file: BinaryIO, name: str) -> Iterator[Path]:
+    """A path to write to, whose content then goes to an open file as a whole; nothing does after an error.
+
+    Raises
+    ------
+    VolumeFileError
+        If several files, or a folder, were written: an open file holds one.
+    """
+    with tempfile.TemporaryDirectory(prefix="deformnb-") as folder:
+        path = Path(folder) / name
+        yield path
+        if not path.is_file() or len(list(Path(folder).iterdir())) != 1:
+            raise VolumeFileError(f"{path.suffix} is not one file but several; an open file holds one, so name a path.")
+        with path.open("rb") as source:
+            shutil.copyfileobj(source, file)

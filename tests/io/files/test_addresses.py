@@ -1,0 +1,189 @@
+"""Files at addresses: downloaded once, again when they have changed, never beyond the room on the disk."""
+
+from __future__ import annotations
+
+import functools
+import http.server
+import sys
+import threading
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import deformnb as dn
+from deformnb.cli.main import main
+from deformnb.errors import Cancelled, MissingPackageError, VolumeFileError
+from deformnb.io.files import addresses
+
+VOLUME = dn.Volume.from_array(np.arange(24.0).reshape(2, 3, 4), spacing=(1.0, 2.0, 3.0))
+
+
+class Requests(http.server.SimpleHTTPRequestHandler):
+    """A server of files that records what it is asked."""
+
+    asked: list[str]
+
+    def log_message(self, form: str, *values: Any) -> None:
+        self.asked.append(str(values[0]))
+
+
+@pytest.fixture
+def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, Path, list[str]]]:
+    """The address of a folder, the folder, and the requests for it."""
+    monkeypatch.setenv("DEFORMNB_DATA", str(tmp_path / "cache"))
+    folder = tmp_path / "served"
+    folder.mkdir()
+    asked: list[str] = []
+    handler = type("Recorded", (Requests,), {"asked": asked})
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(handler, directory=folder)) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}", folder, asked
+        server.shutdown()
+        thread.join()
+
+
+def left(folder: Path) -> list[str]:
+    return sorted(file.name for file in (folder.parent / "cache").rglob("*") if file.is_file())
+
+
+@pytest.mark.parametrize("suffix", [".nii.gz", ".nrrd", ".mha", ".npy", ".vti", ".ome.tif"])
+def test_a_volume_is_downloaded_once(suffix: str, served: tuple[str, Path, list[str]]) -> None:
+    host, folder, asked = served
+    dn.write_volume(VOLUME, folder / f"carp{suffix}")
+    for _ in range(2):
+        again = dn.read_volume(f"{host}/carp{suffix}")
+        assert again.name == "carp"
+        np.testing.assert_array_equal(again.values, VOLUME.values)
+    assert [line.split()[0] for line in asked if f"carp{suffix} " in line] == ["HEAD", "GET", "HEAD"]
+
+
+def test_a_changed_file_comes_again(served: tuple[str, Path, list[str]]) -> None:
+    host, folder, _ = served
+    dn.write_volume(VOLUME, folder / "a.nrrd")
+    assert dn.read_volume(f"{host}/a.nrrd").shape == (2, 3, 4)
+    dn.write_volume(dn.Volume.from_array(np.zeros((5, 6, 7))), folder / "a.nrrd")
+    assert dn.read_volume(f"{host}/a.nrrd").shape == (5, 6, 7)
+
+
+def test_files_of_every_kind_are_read(served: tuple[str, Path, list[str]]) -> None:
+    host, folder, _ = served
+    marks = dn.warping.Landmarks([[1, 2, 3]], ("nose",))
+    mesh = dn.warping.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    dn.write_landmarks(marks, folder / "marks.fcsv")
+    dn.write_mesh(mesh, folder / "mesh.ply")
+    dn.write_transform(dn.rbf.Identity(3), folder / "none.nrrd", dn.Grid((2, 2, 2)))
+    dn.write_deformation(dn.Deformation(), folder / "none.json")
+    dn.io.write_channels(dn.volume.Channels((VOLUME, VOLUME)), folder / "two.nrrd")
+    assert dn.read_landmarks(f"{host}/marks.fcsv").names == ("nose",)
+    assert len(dn.read_mesh(f"{host}/mesh.ply").faces) == 1
+    assert not dn.read_transform(f"{host}/none.nrrd").displacement([0.5, 0.5, 0.5]).any()
+    assert dn.read_deformation(f"{host}/none.json") == dn.Deformation()
+    assert len(dn.io.read_channels(f"{host}/two.nrrd")) == 2
+    assert dn.io.describe_file(f"{host}/two.nrrd").name == "two.nrrd"
+    dn.write_volume(VOLUME, folder / "one.nrrd")
+    assert dn.project(f"{host}/one.nrrd", "+z").values.shape == (3, 4)
+
+
+def test_progress_goes_once_from_0_to_1_and_may_cancel(served: tuple[str, Path, list[str]]) -> None:
+    host, folder, _ = served
+    noise = np.random.default_rng(1).integers(0, 255, (64, 64, 64)).astype(np.uint8)
+    dn.write_volume(dn.Volume.from_array(noise), folder / "noise.nrrd")
+    seen: list[float] = []
+    dn.read_volume(f"{host}/noise.nrrd", progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[0] < 0.5 < seen[-1] == 1.0
+
+    def cancel(share: float) -> None:
+        raise Cancelled("enough")
+
+    (folder / "noise.nrrd").rename(folder / "other.nrrd")
+    before = left(folder)
+    with pytest.raises(Cancelled):
+        dn.read_volume(f"{host}/other.nrrd", progress=cancel)
+    assert left(folder) == before
+
+
+def test_a_file_larger_than_the_room_is_refused(
+    served: tuple[str, Path, list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    host, folder, _ = served
+    noise = np.random.default_rng(1).integers(0, 255, (64, 64, 64)).astype(np.uint8)
+    dn.write_volume(dn.Volume.from_array(noise), folder / "noise.nrrd")
+    monkeypatch.setattr(addresses, "_SHARE", 1e-12)
+    with pytest.raises(VolumeFileError, match="more than half of the free disk"):
+        dn.read_volume(f"{host}/noise.nrrd")
+    assert left(folder) == []
+
+
+def test_what_is_missing_is_named_without_a_password(served: tuple[str, Path, list[str]]) -> None:
+    host, folder, _ = served
+    with pytest.raises(VolumeFileError, match=r"none\.nrrd could not be downloaded from 127\.0\.0\.1 \(404") as caught:
+        dn.read_volume(f"{host}/none.nrrd".replace("//", "//anna:secret@"))
+    assert "secret" not in str(caught.value)
+    assert left(folder) == []
+    with pytest.raises(VolumeFileError, match="could not be downloaded"):
+        dn.read_volume("https://127.0.0.1:9/a.nrrd")
+    with pytest.raises(VolumeFileError, match="Zarr cannot be listed at http"):
+        dn.read_volume(f"{host}/a.zarr")
+
+
+def test_a_file_address_is_a_path(tmp_path: Path) -> None:
+    dn.write_volume(VOLUME, tmp_path / "the carp.nrrd")
+    assert dn.read_volume((tmp_path / "the carp.nrrd").as_uri()).name == "the carp"
+
+
+def test_a_member_of_an_archive_and_a_file_in_memory_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    monkeypatch.setenv("DEFORMNB_DATA", str(tmp_path / "cache"))
+    dn.write_volume(VOLUME, tmp_path / "carp.nii.gz")
+    with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
+        archive.write(tmp_path / "carp.nii.gz", "in/carp.nii.gz")
+    memory = fsspec.filesystem("memory")
+    memory.put(str(tmp_path / "carp.nii.gz"), "/deformnb/carp.nii.gz")
+    try:
+        for address in (f"zip://in/carp.nii.gz::{tmp_path}/all.zip", "memory://deformnb/carp.nii.gz"):
+            found = dn.read_volume(address)
+            assert found.name == "carp"
+            np.testing.assert_array_equal(found.values, VOLUME.values)
+        with pytest.raises(VolumeFileError, match="nothing at this address"):
+            dn.read_volume("memory://deformnb/none.nrrd")
+    finally:
+        memory.rm("/deformnb", recursive=True)
+
+
+def test_a_folder_of_zarr_is_copied_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    pytest.importorskip("zarr")
+    monkeypatch.setenv("DEFORMNB_DATA", str(tmp_path / "cache"))
+    dn.write_volume(VOLUME, tmp_path / "carp.zarr")
+    memory = fsspec.filesystem("memory")
+    memory.put(str(tmp_path / "carp.zarr"), "/deformnb/carp.zarr", recursive=True)
+    try:
+        for _ in range(2):
+            np.testing.assert_array_equal(dn.read_volume("memory://deformnb/carp.zarr").values, VOLUME.values)
+    finally:
+        memory.rm("/deformnb", recursive=True)
+
+
+def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "fsspec", None)
+    with pytest.raises(MissingPackageError, match="s3 are read by the package fsspec, which is not installed"):
+        dn.read_volume("s3://scans/carp.nrrd")
+
+
+def test_commands_take_addresses(served: tuple[str, Path, list[str]], capsys: pytest.CaptureFixture[str]) -> None:
+    host, folder, _ = served
+    dn.write_volume(VOLUME, folder / "carp.nrrd")
+    dn.write_deformation(dn.Deformation(), folder / "none.json")
+    assert main(["info", f"{host}/carp.nrrd"]) == 0
+    assert "carp.nrrd" in capsys.readouterr().out
+    out = folder.parent / "out.nrrd"
+    assert main(["warp", f"{host}/none.json", f"{host}/carp.nrrd", str(out)]) == 0
+    np.testing.assert_array_equal(dn.read_volume(out).values, VOLUME.values)
+    assert main(["info", "gopher://host/carp.nrrd"]) == 2
+    assert "gopher is no kind of address" in capsys.readouterr().err
