@@ -24,7 +24,8 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PROJECT = read_project()
 PUBLIC: dict[str, str] = PROJECT["tool"]["deformnb"]["public"]
-FOR_USERS = {"completion", "formats", "interop", "large", "movie", "notebook"}  # the other extras are for those who work on the code
+# The other extras are for those who work on the code.
+FOR_USERS = {"completion", "formats", "interop", "large", "movie", "notebook"}
 
 
 def _text(name: str) -> str:
