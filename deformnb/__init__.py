@@ -28,7 +28,7 @@ from typing import Any
 
 import lazy_loader
 
-from deformnb._entrances import CONVERSIONS, READERS
+from deformnb._entrances import CONVERSIONS, DISPLAYS, READERS
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
@@ -44,16 +44,25 @@ def _read(kind: str, path: Any) -> Any:
     }[kind](path)
 
 
-def _converted(name: str, given: Any) -> Any:
-    """Convert an object of another package to a volume; the converter is imported when the first one is given."""
+def _converted(name: str, given: Any, **options: Any) -> Any:
+    """Convert an object of another package to a volume or back; the converter is imported when the first is given."""
     from deformnb.volume import converters
 
-    return getattr(converters, name)(given)
+    return getattr(converters, name)(given, **options)
+
+
+def _displayed(name: str, given: Any, *arguments: Any, **options: Any) -> Any:
+    """Make the output of an object in a notebook's cell; what draws it is imported when the first one is shown."""
+    from deformnb.imaging import cell_output
+
+    return getattr(cell_output, name)(given, *arguments, **options)
 
 
 for _kind in ("volume", "channels", "mesh", "grid"):
     READERS[_kind] = partial(_read, _kind)
-for _name in ("one_volume", "several_channels", "grid_of", "states_place"):
+for _name in ("one_volume", "several_channels", "grid_of", "states_place", "from_xarray", "to_xarray"):
     CONVERSIONS[_name] = partial(_converted, _name)
+for _name in ("as_html", "as_png", "plot_volume"):
+    DISPLAYS[_name] = partial(_displayed, _name)
 
 __version__ = "0.1.0"

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import fields
 from functools import cache, partial, wraps
+from importlib import import_module
 from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -19,7 +20,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.errors import DeformError, DeformWarning
+from deformnb.errors import DeformError, DeformWarning, MissingPackageError
 from deformnb.words import translate
 
 _PACKAGE = f"{Path(__file__).parent}{os.sep}"
@@ -408,3 +409,18 @@ def _describe_hint(hint: Any) -> str:
         one = among[0]
         return f"{count}{_SEVERAL.get(one, 'lists of them' if get_origin(one) else f'of type {one.__name__}')}"
     return _WORDS.get(hint, f"a {(origin or hint).__name__}")
+
+
+def optional_package(package: str) -> Any:
+    """An optional package, imported now.
+
+    Raises
+    ------
+    MissingPackageError
+        With its name, if it is not installed.
+    """
+    try:
+        return import_module(package)
+    except ImportError as error:
+        message = f"this needs the package {package}, which is not installed: pip install {package}"
+        raise MissingPackageError(message) from error

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress, Spacing, VoxelSlices
-from deformnb.checks import short_value
+from deformnb.checks import optional_package, short_value
 from deformnb.errors import DeformError
 from deformnb.io.files.errors import Damage, fail, printable, unpacking
 from deformnb.io.files.memory import default_limit
@@ -31,7 +31,7 @@ from deformnb.io.volumes.formats import describe_file
 from deformnb.io.volumes.headers import volume_shape
 from deformnb.volume.converters import NO_PLACE, states_place
 from deformnb.volume.labelled import LabelledAxes, is_labelled, one_array
-from deformnb.volume.volume import DTYPES, Grid, Volume, as_spacing, as_volume, optional_package, voxel_checksum
+from deformnb.volume.volume import DTYPES, Grid, Volume, as_spacing, as_volume, voxel_checksum
 
 # Types whose voxels are converted where no value changes; a value that does not fit is refused when it is read.
 _CAST = {"uint32": "int32", "int64": "int32", "uint64": "int32", "float16": "float32"}

@@ -28,6 +28,7 @@ OPTIONAL = {
     "zarr": ("OME-Zarr, volumes larger than memory, transforms as OME-NGFF", "large"),
     "dask": ("blocks of a volume as arrays of dask", "large"),
     "xarray": ("xarray's arrays", "interop"),
+    "pandas": ("points as tables", "interop"),
     "imageio-ffmpeg": ("MP4 movies", "movie"),
     "jupyterlab": ("notebooks in the browser", "notebook"),
     "argcomplete": ("completion of commands in a shell", "completion"),

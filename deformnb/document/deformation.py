@@ -19,7 +19,8 @@ from typing import Any, Literal, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import check_arguments, check_fields, is_finite, short_value
+from deformnb._entrances import AbstractCellOutput
+from deformnb.checks import check_arguments, check_fields, is_finite, real_array, short_value
 from deformnb.document.space_maps import Scale, rescaled_step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, CutRuleName, Decoupled, Sides, cuts_outside
@@ -51,7 +52,8 @@ from deformnb.volume.volume import (
 )
 from deformnb.warping.inverse import Inverse, invert
 from deformnb.warping.map_checks import add_cautions, map_notes
-from deformnb.warping.points import Landmarks, warp_points
+from deformnb.warping.mesh import Mesh, warp_mesh
+from deformnb.warping.points import Landmarks, warp_landmarks, warp_points
 from deformnb.warping.warper import volumes_of, warp_all
 
 EasingName: TypeAlias = Literal["linear", "smooth"]
@@ -340,7 +342,7 @@ _LISTS = {"maps": "sets of control points", "parts": "rigid parts", "cuts": "cut
 
 def _as_tuple(value: Any, name: str) -> tuple[Any, ...]:
     try:
-        if isinstance(value, str | bytes):
+        if isinstance(value, str | bytes | ControlPoints):
             raise TypeError
         return tuple(value) if name in _LISTS else tuple(float(v) for v in value)
     except (TypeError, ValueError, OverflowError):
@@ -488,8 +490,8 @@ MODES: dict[str, Callable[..., AbstractField]] = {"compose": compose, "blend": b
 
 
 @dataclass(frozen=True)
-class Deformation:
-    """An immutable list of steps, applied first to last.
+class Deformation(AbstractCellOutput):
+    """An immutable list of steps, applied first to last; called with a volume or with points it deforms them.
 
     Parameters
     ----------
@@ -748,6 +750,60 @@ class Deformation:
         options : those of :func:`deformnb.warping.points.warp_points`.
         """
         return warp_points(points, self, grid=grid, **options)
+
+    def __call__(self, given: Any, grid: Grid | VolumeLike | None = None, **options: Any) -> Any:
+        """A deformed volume, or deformed places: :meth:`apply`, :func:`deformnb.warp_landmarks`, ``warp_mesh``.
+
+        Parameters
+        ----------
+        given : anything that is a volume or channels; Landmarks or a Mesh; or an array of points (..., 3) in space, of
+            one or two axes; with three axes it is a volume.
+        grid : of the volume that is deformed, for places; by default that on which the deformation was made, if it is
+            known.
+        options : those of :meth:`apply`.
+
+        Returns
+        -------
+        An object of the same kind. Of an array of points a row that has no place in the result is NaN.
+
+        Raises
+        ------
+        DeformError
+            If the grid is not known, and for control points, whose sources or targets could be meant.
+
+        Examples
+        --------
+        >>> points = ControlPoints.from_arrays([[1, 1, 1]], [[2, 1, 1]])
+        >>> moved = Deformation.from_space_points(points, trend="translation")
+        >>> moved(np.zeros((4, 5, 6))).shape
+        (4, 5, 6)
+        >>> moved([[1, 1, 1]], grid=Grid((4, 5, 6))).round(6).tolist()
+        [[2.0, 1.0, 1.0]]
+        """
+        if isinstance(given, ControlPoints):
+            raise DeformError(
+                "control points have two places each; deform one of them: deformation(points.source, grid=volume)."
+            )
+        array = real_array(given) if isinstance(given, list | tuple) else given
+        is_points = isinstance(array, np.ndarray) and array.ndim < 3
+        if not is_points and not isinstance(given, Landmarks | Mesh):
+            return self.apply(given, **options)
+        lattice = self._grid_for_places(grid)
+        if isinstance(given, Mesh):
+            return warp_mesh(given, self, grid=lattice)
+        if isinstance(given, Landmarks):
+            return warp_landmarks(given, self, grid=lattice)
+        moved, found = self.warp_points(given, lattice)
+        return np.where(found[..., None], moved, np.nan)
+
+    def _grid_for_places(self, grid: Grid | VolumeLike | None) -> Grid:
+        made = self.volume and self.volume.grid
+        if grid is None and made is None:
+            raise DeformError(
+                "it is not known which volume these places are in; give it, or its Grid: "
+                "deformation(points, grid=volume)."
+            )
+        return as_finest_grid(made if grid is None else grid)
 
     def fit_notes(self, grid: Grid) -> tuple[str, ...]:
         """Remarks of all fits, each once."""

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Progress
+from deformnb.checks import optional_package
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField
-from deformnb.volume.volume import Grid, Volume, VolumeLike, optional_package
+from deformnb.volume.volume import Grid, Volume, VolumeLike
 from deformnb.warping.points import Landmarks, warp_points
 from deformnb.warping.warper import deform_volumes
 

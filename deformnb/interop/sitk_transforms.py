@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import optional_package
 from deformnb.rbf.fields import AbstractField, HasField, as_transform_field
 from deformnb.volume.units import ratio
-from deformnb.volume.volume import Grid, VolumeLike, as_grid, optional_package
+from deformnb.volume.volume import Grid, VolumeLike, as_grid
 
 
 def to_sitk_transform(field: AbstractField | HasField, grid: Grid | VolumeLike) -> Any:

@@ -13,8 +13,10 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import LARGEST_COORDINATE, check_fields, is_finite, short_value
+from deformnb._entrances import AbstractCellOutput
+from deformnb.checks import LARGEST_COORDINATE, check_fields, is_finite, optional_package, short_value
 from deformnb.errors import DeformError
+from deformnb.rbf.named_points import AXIS_NAMES, AbstractNamedPoints, check_table, names_of, read_columns
 from deformnb.volume.units import check_unit, ratio
 
 NAMES_SHOWN = 8  # by repr
@@ -49,9 +51,38 @@ def _index_by_name(places: HasPlaces, which: str) -> dict[str, int]:
     return found
 
 
+@dataclass(frozen=True)
+class ControlPoint:
+    """One control point of a set, as ``points["head"]`` and iteration give it; editing is done by the set.
+
+    Parameters
+    ----------
+    id, name, active, weight, locked : as in :class:`ControlPoints`.
+    source, target : coordinates (a, b) or (x, y, z).
+    radius : its own support radius; None if it has that of all points.
+
+    Examples
+    --------
+    >>> ControlPoints.from_arrays([[10, 0]], [[12, 1]], names=["head"])["head"].target
+    (12.0, 1.0)
+    """
+
+    id: int
+    name: str
+    source: tuple[float, ...]
+    target: tuple[float, ...]
+    active: bool
+    weight: float
+    locked: bool
+    radius: float | None
+
+
 @dataclass(frozen=True, eq=False)
-class ControlPoints:
+class ControlPoints(AbstractNamedPoints[ControlPoint], AbstractCellOutput):
     """A set of control points in the plane of a picture (dim 2) or in space (dim 3).
+
+    ``points["head"]`` and ``points[0]`` are one point by its name or position, ``points[1:]`` and ``points[mask]`` sets
+    of several; a name is also accepted wherever an id is.
 
     Parameters
     ----------
@@ -313,8 +344,85 @@ class ControlPoints:
         name = f' ("{self.names[index]}")' if self.names[index] else ""
         return f"point {self.numbers[index]}{name}"
 
-    def index(self, point: int) -> int:
-        """Position of the point with this id; DeformError if there is none."""
+    def point_at(self, position: int) -> ControlPoint:
+        """The point at a position from 0 on."""
+        radius = float(self.radius[position])
+        return ControlPoint(
+            self.ids[position],
+            self.names[position],
+            tuple(self.source[position].tolist()),
+            tuple(self.target[position].tolist()),
+            bool(self.active[position]),
+            float(self.weight[position]),
+            bool(self.locked[position]),
+            None if np.isnan(radius) else radius,
+        )
+
+    def __array__(self, *_: Any, **__: Any) -> NDArray[np.float64]:
+        raise TypeError("control points are two arrays; take points.source or points.target.")
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame`` with a row for each point, by id, and the unit in its ``attrs``.
+
+        Its columns are name, source_a and source_b on a picture or source_x to source_z in space, target_... alike,
+        active, weight, locked and radius (NaN for that of all).
+
+        Examples
+        --------
+        >>> points = ControlPoints.from_arrays([[0, 0], [10, 0]], [[0, 0], [12, 1]], names=["tail", "head"])
+        >>> points.to_pandas()["target_a"].tolist()
+        [0.0, 12.0]
+        """
+        columns: dict[str, Any] = {"name": list(self.names)}
+        for what, array in (("source", self.source), ("target", self.target)):
+            columns |= {f"{what}_{axis}": array[:, k].copy() for k, axis in enumerate(AXIS_NAMES[self.dim])}
+        columns |= {what: array.copy() for what, array in self._per_point.items()}
+        pandas = optional_package("pandas")
+        table = pandas.DataFrame(columns, index=pandas.Index(self.ids, name="id", dtype=np.int64))
+        table.attrs.update(unit=self.unit, next_id=self.next_id)
+        return table
+
+    @classmethod
+    def from_pandas(cls, table: Any) -> ControlPoints:
+        """Control points of a ``pandas.DataFrame`` with the columns of :meth:`to_pandas`.
+
+        The coordinates of the sources must be there; targets are at the sources where there are none, and ids count
+        from 0 where the index is not named "id". Other columns are ignored.
+
+        Raises
+        ------
+        DeformError
+            If it is no table, or a coordinate is missing.
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> table = pd.DataFrame({"source_a": [1], "source_b": [2], "target_a": [3], "target_b": [2]})
+        >>> ControlPoints.from_pandas(table).displacement.tolist()
+        [[-2.0, 0.0]]
+        """
+        table = check_table(table, "control points")
+        source = read_columns(table, "source_", "control points")
+        if source is None:
+            raise DeformError(
+                "the table of control points has no columns source_a and source_b (on a picture) or source_x, source_y "
+                f"and source_z; it has {', '.join(map(str, table.columns))[:200]}."
+            )
+        given = {name: table[name].to_numpy() for name in ("active", "weight", "locked", "radius") if name in table}
+        return cls.from_arrays(
+            source,
+            read_columns(table, "target_", "control points"),
+            ids=table.index.tolist() if table.index.name == "id" else None,
+            names=names_of(table),
+            next_id=table.attrs.get("next_id", 0),
+            unit=table.attrs.get("unit", ""),
+            **given,
+        )
+
+    def index(self, point: int | str) -> int:
+        """Position of the point with this id or name; DeformError if there is none."""
+        if isinstance(point, str):
+            return self.position_of(point)
         try:
             return self.ids.index(point)
         except ValueError:
@@ -347,13 +455,13 @@ class ControlPoints:
             raise DeformError(f"the {what} of a point of this set has {self.dim} coordinates, got {value!r}.")
         return place
 
-    def move(self, point: int, target: ArrayLike) -> ControlPoints:
-        """Drop the point with this id at another target."""
+    def move(self, point: int | str, target: ArrayLike) -> ControlPoints:
+        """Drop the point with this id or name at another target."""
         return self.edit(point, target=target)
 
     def edit(
         self,
-        point: int,
+        point: int | str,
         *,
         source: ArrayLike | None = None,
         target: ArrayLike | None = None,
@@ -382,8 +490,8 @@ class ControlPoints:
             changed["names"] = (*self.names[:k], name, *self.names[k + 1 :])
         return replace(self, **changed)
 
-    def remove(self, *points: int) -> ControlPoints:
-        """The set without the points of these ids; the other ids stay as they are."""
+    def remove(self, *points: int | str) -> ControlPoints:
+        """The set without the points of these ids or names; the other ids stay as they are."""
         gone = {self.index(p) for p in points}
         return self.take([k for k in range(len(self)) if k not in gone])
 

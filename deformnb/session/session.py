@@ -18,8 +18,11 @@ from numpy.typing import ArrayLike
 from deformnb.document.deformation import Deformation
 from deformnb.document.transplant import with_true_spacing
 from deformnb.errors import DeformError, OtherVolumeError
+from deformnb.imaging.cell_output import image_html, steps_html, title_html
+from deformnb.imaging.preview import draw_preview
 from deformnb.io.documents import read_document
 from deformnb.io.files.paths import address_of
+from deformnb.rbf.points import ControlPoints
 from deformnb.registration.outlines import OUTLINE_POINT, fix_outline, outline
 from deformnb.session.editing import Editing
 from deformnb.session.files import Files
@@ -33,6 +36,8 @@ from deformnb.volume.plane import Plane, ViewName
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Grid, VolumeLike, as_grid, empty_note
 from deformnb.warping.points import Landmarks, LandmarksLike, as_landmarks
+
+_CELL_SIZE = 360  # pixels of the longer side of the picture in a cell
 
 
 class Session:
@@ -101,6 +106,28 @@ class Session:
         self.editing.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in notes if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see Files.difference
         self.pictures.restore(stored, besides=view_state, is_other=made_on is not None and made_on.shape != grid.shape)
+
+    def __repr__(self) -> str:
+        steps, (nz, ny, nx) = len(self.editing.deformation.steps), self.volume.shape
+        name = f" {self.volume.name[:60]!r}" if self.volume.name else ""
+        undo = self.editing.history["undo"]
+        last = f", last edit {undo!r}" if undo else ""
+        return (
+            f"<Session on{name or ' a volume'}, {nx} x {ny} x {nz} voxels (x, y, z): "
+            f"{steps} {'step' if steps == 1 else 'steps'}{last}>"
+        )
+
+    def _repr_html_(self) -> str:
+        step = self.editing.step
+        points = ControlPoints.empty(2) if step.plane is None else self.editing.points
+        drawn = draw_preview(self.pictures.picture(), [], points, _CELL_SIZE)
+        steps = steps_html(self.editing.deformation, self.steps.titles())
+        return (
+            f"<div>{title_html('Session', self.volume.name)}<br>{image_html(drawn, 'picture with points')}{steps}</div>"
+        )
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        raise TypeError("a session is not copied; its document makes another one: Session(volume, session.document()).")
 
     # -- points --------------------------------------------------------------------------------------------------------
 

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._entrances import READERS
-from deformnb.checks import short_value
+from deformnb.checks import optional_package, short_value
 from deformnb.errors import DeformError
 from deformnb.volume import labelled, layers
 from deformnb.volume.channels import ChannelKind, Channels
-from deformnb.volume.volume import Grid, Volume, nibabel_unit, optional_package, pyvista_parts, refuse_lazy
+from deformnb.volume.volume import Grid, Volume, nibabel_unit, pyvista_parts, refuse_lazy
 
 Converter: TypeAlias = Callable[[Any], Volume | Channels]
 
@@ -42,6 +42,8 @@ _PLACES = (
     "wcs",
     "axistags",
 )
+
+from_xarray, to_xarray = labelled.from_xarray, labelled.to_xarray
 
 NO_PLACE = "an array has no place: it is put at the origin, with voxels 1 apart"
 
@@ -279,8 +281,8 @@ def _from_pillow(given: Any) -> Volume | Channels:
 
 def _no_table(given: Any) -> Volume | Channels:
     raise DeformError(
-        f"a Volume is needed, got a table ({type(given).__name__}); read_landmarks and ControlPoints "
-        "take places, and an array [z, y, x] of numbers makes a volume."
+        f"a Volume is needed, got a table ({type(given).__name__}); ControlPoints.from_pandas and "
+        "Landmarks.from_pandas take places, and an array [z, y, x] of numbers makes a volume."
     )
 
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.checks import finite_array
+from deformnb.checks import finite_array, optional_package
 from deformnb.errors import DeformError
 from deformnb.volume.channels import ChannelKind, Channels
 from deformnb.volume.units import UNITS, common_unit, parse_unit
-from deformnb.volume.volume import EVEN, Grid, Volume, VolumeLike, as_volume, optional_package, refuse_lazy
+from deformnb.volume.volume import EVEN, Grid, Volume, VolumeLike, as_volume, refuse_lazy
 
 _SPATIAL = ("z", "y", "x")
 _DIRECTION = "direction"

@@ -14,9 +14,11 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._entrances import DISPLAYS
 from deformnb._typing import Float3
 from deformnb.checks import check_fields, finite_array, finite_number
 from deformnb.errors import DeformError
+from deformnb.volume.array_protocol import AbstractValues
 from deformnb.volume.colour_maps import ColourMapName, colour_table
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, VolumeLike, as_finest_grid, as_grid
 
@@ -373,8 +375,8 @@ def _nearest_column(
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
-    """A picture and its raster.
+class Picture(AbstractValues):
+    """A picture and its raster; for NumPy and ``plt.imshow`` it is its values, for a notebook's cell a PNG.
 
     Parameters
     ----------
@@ -427,6 +429,10 @@ class Picture:
             return colour_table(self.colour_map)[(self.grey() * 255 + 0.5).astype(np.uint8)]
         color = self.values[..., :3] + (1 - self.values[..., 3:]) * np.asarray(background, dtype=np.float32)
         return (np.clip(color, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+    def _repr_png_(self) -> bytes:
+        png: bytes = DISPLAYS["as_png"](self)
+        return png
 
     @property
     def extent(self) -> tuple[float, float, float, float]:

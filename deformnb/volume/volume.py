@@ -16,17 +16,26 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from deformnb._entrances import CONVERSIONS
+from deformnb._entrances import CONVERSIONS, DISPLAYS, AbstractCellOutput
 from deformnb._typing import Float3, Spacing
-from deformnb.checks import LARGEST_COORDINATE, check_arguments, check_fields, finite_array, real_array, short_value
-from deformnb.errors import DeformError, FileChangedError, MissingPackageError
+from deformnb.checks import (
+    LARGEST_COORDINATE,
+    check_arguments,
+    check_fields,
+    finite_array,
+    optional_package,
+    real_array,
+    short_value,
+)
+from deformnb.errors import DeformError, FileChangedError
+from deformnb.volume.array_protocol import AbstractValues, call_on_values, full_slices
 from deformnb.volume.units import check_unit, find_unit, ratio
 
 KEPT = frozenset({"bool", "int8", "uint8", "int16", "uint16", "int32", "float32", "float64"})
@@ -154,6 +163,8 @@ def _extended_target(array: NDArray[Any]) -> np.dtype[Any]:
 NOTHING_TO_SEE = "there is nothing to see in this volume; check how it was made or read, or open another"
 """The last words of the notes on volumes without any contrast."""
 
+_SHOWN_AS = "shown as background"  # the last words of the note on voxels that are not finite
+
 ONE_VALUE = f"every voxel has the value {{n}}: {NOTHING_TO_SEE}"
 NO_VALUE = f"no voxel is a finite number: {NOTHING_TO_SEE}"
 """These notes; braces hold the value."""
@@ -185,11 +196,7 @@ def _not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
     if not bad:
         return ()
     many = f"{bad:,}".replace(",", " ")
-    return (
-        f"{many} voxels are not finite, shown as background"
-        if bad > 1
-        else "1 voxel is not finite, shown as background",
-    )
+    return (f"{many} voxels are not finite, {_SHOWN_AS}" if bad > 1 else f"1 voxel is not finite, {_SHOWN_AS}",)
 
 
 # The criterion for labels against amounts: the share of equal neighbours along x, averaged over the values, and among
@@ -253,21 +260,6 @@ def refuse_lazy(given: Any) -> None:
         f"this is an array in chunks ({kind}) of {size / 2**20:.6g} MiB, which would be loaded whole. "
         f"deformnb.chunked.warp deforms it block by block; where it fits into memory, load it: {load}."
     )
-
-
-def optional_package(package: str) -> Any:
-    """An optional package, imported now.
-
-    Raises
-    ------
-    MissingPackageError
-        With its name, if it is not installed.
-    """
-    try:
-        return import_module(package)
-    except ImportError as error:
-        message = f"this needs the package {package}, which is not installed: pip install {package}"
-        raise MissingPackageError(message) from error
 
 
 def nibabel_unit(image: Any) -> str:
@@ -775,9 +767,25 @@ class PyramidLevel:
         return f"level {self.number} (0 finest, {len(self.grids) - 1} coarsest)"
 
 
+_COMPARED = (bool, int, float, np.number, np.bool_, np.ndarray)  # with each voxel, by volume == 3
+
+
+def _comparison(ufunc: np.ufunc) -> Any:
+    """Operator that compares each voxel with a value or an array; two volumes are equal if they are one object."""
+
+    def compare(volume: Any, other: object) -> Any:
+        return ufunc(volume, other) if isinstance(other, _COMPARED) else NotImplemented
+
+    return compare
+
+
 @dataclass(frozen=True, eq=False)
-class Volume:
+class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
     """Scalar voxels on a grid.
+
+    NumPy computes with its voxels, and what has the same shape is a volume on the same grid: ``volume + 1``,
+    ``np.sqrt(volume)``, ``volume > 300``, ``volume == 3``. Two volumes are equal if they are one object. Slices leave a
+    part at its place: ``volume[10:20]``.
 
     Parameters
     ----------
@@ -792,13 +800,17 @@ class Volume:
     """
 
     values: NDArray[Any]
-    grid: Grid
+    grid: Grid = field(default=None)  # type: ignore[assignment]  # refused in __post_init__
     name: str = ""
     is_labels: bool = False
     notes: tuple[str, ...] = field(default=())
     level: PyramidLevel | None = None
 
     def __post_init__(self) -> None:
+        if self.grid is None:
+            raise DeformError(
+                "a volume needs the grid of its voxels; Volume.from_array(array, spacing, origin) makes one with it."
+            )
         check_fields(self, "grid", "name", "is_labels", "notes", "level")
         if self.level is not None and (self.level.voxels, self.level.grids[self.level.number]) != (
             id(self.values),
@@ -839,12 +851,97 @@ class Volume:
             f"spacing {' x '.join(f'{s:.6g}' for s in spacing)}{unit}>"
         )
 
-    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
-        """The voxels [z, y, x], for ``np.asarray(volume)``; not copied where their type may stay."""
-        target = np.dtype(dtype) if dtype is not None else self.dtype
-        if copy is False and target != self.dtype:
-            raise ValueError(f"voxels of type {self.dtype} do not become {target} without a copy.")
-        return np.array(self.values, dtype=target) if copy else np.asarray(self.values, dtype=target)
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, key: Any) -> Any:
+        """A part of the volume by slices [z, y, x], which keeps its place; with numbers or masks an array of voxels.
+
+        Raises
+        ------
+        DeformError
+            For a step below 1, slices that leave nothing, and a mask on another grid.
+
+        Examples
+        --------
+        >>> volume = Volume.from_array(np.arange(60).reshape(3, 4, 5), spacing=(1, 1, 2))
+        >>> part = volume[1:, :, ::2]
+        >>> part.shape, part.grid.spacing, part.grid.origin
+        ((2, 4, 3), (2.0, 1.0, 2.0), (0.0, 0.0, 2.0))
+        >>> volume[1].shape, int(volume[1, 2, 3]), volume[volume > 57].tolist()
+        ((4, 5), 33, [58, 59])
+        """
+        if isinstance(key, Volume):
+            _check_same_places(self.grid, key.grid)
+            return self.values[key.values]
+        slices = full_slices(key, self.shape)
+        if slices is None:
+            return self.values[key]
+        values, steps = self.values[slices], [part.step for part in reversed(slices)]
+        grid = replace(
+            self.grid.crop([part.start for part in slices], values.shape),  # type: ignore[arg-type]
+            spacing=tuple(s * step for s, step in zip(self.grid.spacing, steps, strict=True)),
+        )
+        kept = (note for note in self.notes if not note.endswith((NOTHING_TO_SEE, _SHOWN_AS)))
+        return replace(self, values=values, grid=grid, notes=(*kept, *value_notes(values)))
+
+    def crop(self, start: Sequence[int], shape: Sequence[int]) -> Volume:
+        """The part of ``shape`` (z, y, x) whose first voxel is ``start`` (z, y, x); its voxels are shared.
+
+        Raises
+        ------
+        DeformError
+            If the part reaches outside, where there are no voxels: :meth:`Grid.crop` has the grid of such a part.
+
+        Examples
+        --------
+        >>> Volume.from_array(np.zeros((4, 5, 6)), spacing=(1, 1, 2)).crop((1, 0, 3), (2, 5, 3)).grid.origin
+        (3.0, 0.0, 2.0)
+        """
+        part = self.grid.crop(start, shape)  # type: ignore[arg-type]  # checks both
+        ends = [(int(first), int(first) + size) for first, size in zip(start, part.shape, strict=True)]
+        if any(first < 0 or end > size for (first, end), size in zip(ends, self.shape, strict=True)):
+            raise DeformError(
+                f"the part of {part.shape} voxels from {short_value(tuple(start))} on reaches outside the volume "
+                f"of {self.shape} (z, y, x)."
+            )
+        cropped: Volume = self[tuple(slice(*pair) for pair in ends)]
+        return cropped
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """NumPy's functions and operators on the voxels: the result is a volume on the same grid.
+
+        It has the type that NumPy gives it (uint8 wraps: 255 + 1 is 0), or the next that a volume can have. Labels stay
+        labels where it is whole numbers. Sums and the like (``np.add.reduce``) are arrays or numbers.
+
+        Raises
+        ------
+        DeformError
+            For volumes on different grids, results of another shape, and for ``volume += 1``.
+        """
+        volumes = [given for given in inputs if isinstance(given, Volume)]
+        for other in volumes[1:]:
+            _check_same_places(volumes[0].grid, other.grid)
+        found = call_on_values(ufunc, method, inputs, options)
+        if method != "__call__" or "out" in options:
+            return found
+        results = tuple(_volume_on_grid(array, volumes or [self]) for array in (found if ufunc.nout > 1 else (found,)))
+        return results if ufunc.nout > 1 else results[0]
+
+    __eq__ = _comparison(np.equal)
+    __ne__ = _comparison(np.not_equal)
+
+    __hash__ = object.__hash__
+
+    def astype(self, dtype: DTypeLike) -> Volume:
+        """The same volume with voxels of another type, as NumPy converts them: fractions are cut off, not rounded.
+
+        Examples
+        --------
+        >>> (Volume.from_array(np.full((1, 1, 1), 200, np.uint8)).astype(np.int16) + 100).values.tolist()
+        [[[300]]]
+        """
+        return _volume_on_grid(self.values.astype(dtype), [self])
 
     @classmethod
     def from_array(
@@ -929,6 +1026,12 @@ class Volume:
         return cls.from_affine(values, affine, name, is_labels, unit="mm")
 
     @classmethod
+    def from_xarray(cls, array: Any, is_labels: bool | None = None) -> Volume:
+        """A volume that shares the voxels of an ``xarray.DataArray``; see :func:`deformnb.volume.from_xarray`."""
+        found: Volume = CONVERSIONS["from_xarray"](array, is_labels=is_labels)
+        return found
+
+    @classmethod
     def from_sitk(cls, image: Any, name: str = "", is_labels: bool | None = None) -> Volume:
         """A volume of a scalar SimpleITK image of two or three dimensions (its voxels are copied), in millimetres."""
         sitk = optional_package("SimpleITK")
@@ -996,6 +1099,10 @@ class Volume:
         image.point_data.active_scalars_name = name
         return image
 
+    def to_xarray(self) -> Any:
+        """An ``xarray.DataArray`` that shares these voxels; see :func:`deformnb.volume.to_xarray`."""
+        return CONVERSIONS["to_xarray"](self)
+
     def to_sitk(self) -> Any:
         """A ``SimpleITK.Image`` with the same voxels (copied) at the same places, in mm as in ITK; bool becomes uint8.
 
@@ -1021,15 +1128,31 @@ class Volume:
         image.set_qform(image.affine, code=1, update_affine=False)  # else the affine is rounded to float32
         return image
 
+    def plot(self, view: str = "+y", method: str = "mip", *, ax: Any = None, **options: Any) -> Any:
+        """Draw a picture of the volume with Matplotlib, in lengths.
+
+        Parameters
+        ----------
+        view, method, options : as of :func:`deformnb.project`.
+        ax : axes of Matplotlib to draw in; default are those of a new figure.
+
+        Returns
+        -------
+        The axes.
+
+        Examples
+        --------
+        >>> import matplotlib
+        >>> matplotlib.use("agg")
+        >>> Volume.from_array(np.eye(3), spacing=(1, 1, 2), unit="mm").plot("+z").get_xlabel()
+        'x (mm)'
+        """
+        return DISPLAYS["plot_volume"](self, view, method, ax=ax, **options)
+
     @property
     def shape(self) -> tuple[int, int, int]:
         """(nz, ny, nx)."""
         return self.grid.shape
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Voxel type."""
-        return self.values.dtype
 
     @cached_property
     def value_range(self) -> tuple[float, float]:
@@ -1058,6 +1181,26 @@ class Volume:
         if values.dtype.kind != "f" or np.isfinite(values).all():
             return None
         return np.where(np.isfinite(values), values, values.dtype.type(self.background))
+
+
+def _check_same_places(grid: Grid, other: Grid) -> None:
+    if not grid.is_like(other):
+        raise DeformError(
+            f"these volumes are on different grids, of {grid.shape} and {other.shape} voxels (z, y, x) or at different "
+            "places; resample one first: Deformation().apply(other, output=volume)."
+        )
+
+
+def _volume_on_grid(array: Any, volumes: Sequence[Volume]) -> Volume:
+    """A volume of an array that was computed of volumes, on the grid of the first one."""
+    first = volumes[0]
+    if np.shape(array) != first.shape:
+        raise DeformError(
+            f"the result has the shape {np.shape(array)} and the volume {first.shape}, so that it has no place; "
+            "compute with arrays: np.asarray(volume)."
+        )
+    is_labels = array.dtype.kind == "b" or (array.dtype.kind in "iu" and all(volume.is_labels for volume in volumes))
+    return replace(Volume.from_array(array, name=first.name, is_labels=is_labels), grid=first.grid)
 
 
 Volume.values = _CheckedVoxels()  # type: ignore[assignment]  # set here, for in the class it would be a default

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._entrances import READERS
 from deformnb._typing import Progress
-from deformnb.checks import any_array, check_fields, short_value
+from deformnb.checks import any_array, check_fields, optional_package, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.units import check_unit, ratio
-from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume, optional_package
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume
 from deformnb.warping import triangles
 from deformnb.warping.points import warp_points
 

@@ -13,18 +13,20 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from deformnb._deferred import scipy
+from deformnb._entrances import AbstractCellOutput
 from deformnb._jax import determinant, one_plus
 from deformnb._typing import Floats
-from deformnb.checks import check_fields, real_array, short_value
+from deformnb.checks import check_fields, optional_package, real_array, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.rbf.named_points import AXIS_NAMES, AbstractNamedPoints, check_table, names_of, read_columns
 from deformnb.rbf.newton import BackwardMap, keep_better, lengths_of, map_of, newton, search
 from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import NAMES_SHOWN, ControlPoints
@@ -301,8 +303,11 @@ def _solve_from_seeds(
 
 
 @dataclass(frozen=True, eq=False)
-class Landmarks:
+class Landmarks(AbstractNamedPoints[NDArray[np.float64]], AbstractCellOutput):
     """Places in space, or on a picture, with names.
+
+    ``landmarks["head"]`` and ``landmarks[0]`` are one place by its name or position, ``landmarks[1:]`` and
+    ``landmarks[mask]`` several landmarks, and ``np.asarray(landmarks)`` all places.
 
     Parameters
     ----------
@@ -366,6 +371,73 @@ class Landmarks:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """The places (N, 2) or (N, 3), for ``np.asarray``."""
+        return np.array(self.points, dtype=dtype, copy=copy)
+
+    def point_at(self, position: int) -> NDArray[np.float64]:
+        """The place at a position from 0 on: (a, b) or (x, y, z)."""
+        return np.asarray(self.points[position])
+
+    def take(self, positions: Iterable[int]) -> Landmarks:
+        """The landmarks at these positions, in this order."""
+        chosen = list(positions)
+        parts: dict[str, Any] = {"points": self.points[chosen], "names": tuple(self.names[k] for k in chosen)}
+        for name in ("fixed", "active", "found"):
+            array = getattr(self, name)
+            parts[name] = None if array is None else array[chosen]
+        return replace(self, **parts)
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame`` with a row for each landmark, and the unit in its ``attrs``.
+
+        Its columns are name, x, y and z (or a and b on a picture), fixed_x and so on of pairs, and active.
+
+        Examples
+        --------
+        >>> Landmarks([[0, 0, 0], [10, 0, 0]], ("tail", "head")).to_pandas()["x"].tolist()
+        [0.0, 10.0]
+        """
+        columns: dict[str, Any] = {"name": list(self.names)}
+        for prefix, array in (("", self.points), ("fixed_", self.fixed)):
+            if array is not None:
+                columns |= {
+                    prefix + axis: array[:, k].copy() for k, axis in enumerate(AXIS_NAMES[self.points.shape[1]])
+                }
+        table = optional_package("pandas").DataFrame(columns | {"active": self.active})
+        table.attrs["unit"] = self.unit
+        return table
+
+    @classmethod
+    def from_pandas(cls, table: Any) -> Landmarks:
+        """Landmarks of a ``pandas.DataFrame`` with the columns of :meth:`to_pandas`, of which x, y and z must be there.
+
+        Raises
+        ------
+        DeformError
+            If it is no table, or a coordinate is missing.
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> Landmarks.from_pandas(pd.DataFrame({"name": ["tip"], "x": [1], "y": [2], "z": [3]}))["tip"].tolist()
+        [1.0, 2.0, 3.0]
+        """
+        table = check_table(table, "landmarks")
+        points = read_columns(table, "", "landmarks")
+        if points is None:
+            raise DeformError(
+                "the table of landmarks has no columns x, y and z (or a and b on a picture); it has "
+                f"{', '.join(map(str, table.columns))[:200]}."
+            )
+        return cls(
+            points,
+            tuple(names_of(table) or ()),
+            fixed=read_columns(table, "fixed_", "landmarks"),
+            active=table["active"].to_numpy(dtype=bool) if "active" in table else None,
+            unit=table.attrs.get("unit", ""),
+        )
 
     def to_unit(self, unit: str) -> Landmarks:
         """The same places in numbers of another unit; where their own or the other one is not known, themselves.

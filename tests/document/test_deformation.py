@@ -24,8 +24,11 @@ from deformnb.rbf.regions import HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS
+from deformnb.volume.channels import Channels
 from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.mesh import Mesh
+from deformnb.warping.points import Landmarks
 from deformnb.warping.warper import warp
 
 GRID = Grid((9, 11, 13), (1.0, 2.0, 1.5), (-7.0, 4.0, 12.0))
@@ -481,3 +484,59 @@ def test_the_support_is_chosen_when_points_come_and_go_and_not_while_they_are_dr
         replace(added, support="diagonal")
     with pytest.raises(DeformError, match="a radius and the name of a kernel, got 3"):
         replace(step, chosen_support=3)
+
+
+SHIFT = Deformation.from_space_points(ControlPoints.from_arrays([[0, 0, 0]], [[1.5, 0, 0]]), trend="translation")
+INPUT = Volume(np.arange(9 * 11 * 13, dtype=np.int16).reshape(GRID.shape), GRID, "a box")
+
+
+def test_a_deformation_is_called_with_what_it_deforms() -> None:
+    np.testing.assert_array_equal(SHIFT(INPUT).values, SHIFT.apply(INPUT).values)
+    smaller = SHIFT(INPUT, output=INPUT[::2])
+    np.testing.assert_array_equal(smaller.values, SHIFT.apply(INPUT, output=INPUT[::2]).values)
+    assert SHIFT(INPUT.values.astype(float)).shape == GRID.shape
+    two = Channels((INPUT, INPUT))
+    assert len(SHIFT(two)) == 2
+    moved = SHIFT(Landmarks(places()), INPUT)
+    np.testing.assert_allclose(moved.points, places() + np.array([1.5, 0, 0]), atol=1e-6)
+    np.testing.assert_array_equal(SHIFT(places(), grid=GRID), moved.points)
+    np.testing.assert_array_equal(SHIFT(places().tolist(), grid=GRID), moved.points)
+    np.testing.assert_array_equal(SHIFT(places()[0], grid=GRID), moved.points[0])
+    mesh = Mesh(np.eye(3), [[0, 1, 2]])
+    np.testing.assert_allclose(SHIFT(mesh, grid=GRID).points, np.eye(3) + np.array([1.5, 0, 0]), atol=1e-6)
+
+
+def test_places_are_those_of_the_volume_that_a_deformation_was_made_on() -> None:
+    steps = Deformation.from_picture_points(GRID, "+z", POINTS).steps
+    known = Deformation(steps, volume=VolumeReference.of(INPUT))
+    np.testing.assert_array_equal(known(places()), known(places(), grid=GRID))
+    for call in (lambda: Deformation(steps)(places()), lambda: Deformation(steps)(Landmarks(places()))):
+        with pytest.raises(DeformError, match=r"not known which volume .*: deformation\(points, grid=volume\)"):
+            call()
+
+
+def test_a_place_that_is_not_in_the_result_is_nan() -> None:
+    opened = Deformation(
+        (
+            Step(
+                (ControlPoints.from_arrays([[3, 10], [9, 10]], [[1, 10], [11, 10]]),),
+                PLANE,
+                trend="translation",
+                cuts=(Cut(Line([(6, -50), (6, 50)])),),
+                cut_rule="paper",
+            ),
+        )
+    )
+    volume_points = PLANE.from_plane(np.array([[2.0, 10.0], [5.9, 10.0], [6.1, 10.0]]))
+    _, found = opened.warp_points(volume_points, GRID)
+    moved = opened(volume_points, grid=GRID)
+    np.testing.assert_array_equal(np.isnan(moved).any(axis=1), ~found)
+
+
+def test_control_points_and_points_of_a_picture_are_not_deformed() -> None:
+    with pytest.raises(DeformError, match="control points have two places each; deform one of them"):
+        SHIFT(POINTS, grid=GRID)
+    with pytest.raises(DeformError, match="points need 3 coordinates for this field"):
+        SHIFT(POINTS.source, grid=GRID)
+    with pytest.raises(DeformError, match="a Volume is needed"):
+        SHIFT(3)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.volume.volume import optional_package
+from deformnb.checks import optional_package
 
 # A stream of LZMA may require a dictionary of 4 GiB; writers' largest has 64 MiB, and twice the data is enough for any.
 _LZMA_MEMORY = 2**27

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.checks import LARGEST_COORDINATE
+from deformnb.checks import LARGEST_COORDINATE, optional_package
 from deformnb.interop.sitk_transforms import image_of_vectors
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.files.errors import fail, human_bytes, printable
@@ -27,7 +27,7 @@ from deformnb.io.files.memory import available_memory
 from deformnb.io.volumes import metaimage, nifti, nrrd
 from deformnb.io.volumes.headers import Header
 from deformnb.rbf.fields import AbstractField, DisplacementField
-from deformnb.volume.volume import Grid, optional_package
+from deformnb.volume.volume import Grid
 
 _COMPONENTS = 3
 _HEAD = 512  # bytes at the start of a file: the first line of a text, or more

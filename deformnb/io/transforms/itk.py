@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Progress
+from deformnb.checks import optional_package
 from deformnb.io.transforms import itk_files
 from deformnb.io.transforms.displacement_images import to_itk_image, write_by_name
 from deformnb.io.transforms.elastix import is_elastix, read_elastix
@@ -19,7 +20,7 @@ from deformnb.io.transforms.itk_kinds import field_of_list
 from deformnb.io.transforms.parts import TransformPart, sample_parts
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.fields import AbstractField, Affine, Identity
-from deformnb.volume.volume import Grid, optional_package
+from deformnb.volume.volume import Grid
 
 # An HDF5 file may begin with a user block of 512, 1024, ... bytes, which its readers skip and other programs may use
 # (HDF5 File Format Specification 3.0, section II.A: the superblock).

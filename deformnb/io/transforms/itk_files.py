@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import optional_package
 from deformnb.io.files.errors import fail, human_bytes, printable, unpacking
 from deformnb.io.files.memory import available_memory
 from deformnb.io.files.streams import MOST_PACKED
 from deformnb.io.transforms.itk_kinds import COMPOSITE, ItkTransform, check_transform, parse_class
-from deformnb.volume.volume import optional_package
 
 LONGEST_ITK_TEXT = 1 << 26
 """Bytes of a .tfm file: some million numbers."""

@@ -21,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
+from deformnb.checks import optional_package
 from deformnb.io.files.atomic import atomic_folder
 from deformnb.io.files.errors import fail, human_bytes, printable, unpacking
 from deformnb.io.files.memory import available_memory
 from deformnb.io.transforms.parts import sample_parts
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, compose, with_unit
 from deformnb.volume.units import UNITS, common_unit, find_unit
-from deformnb.volume.volume import IDENTITY, Grid, optional_package
+from deformnb.volume.volume import IDENTITY, Grid
 
 _VERSION = "0.6"
 _SYSTEM = "LPS"

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Progress
+from deformnb.checks import optional_package
 from deformnb.io.transforms.displacement_images import check_displacements
 from deformnb.io.volumes.vti import read_vectors, write_vectors
 from deformnb.rbf.fields import AbstractField, HasField, as_transform_field, convert_unit
-from deformnb.volume.volume import IDENTITY, Grid, VolumeLike, as_grid, optional_package
+from deformnb.volume.volume import IDENTITY, Grid, VolumeLike, as_grid
 
 
 def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | VolumeLike) -> Any:

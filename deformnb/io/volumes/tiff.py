@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Float3, Progress
+from deformnb.checks import optional_package
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.files.errors import fail, printable
@@ -50,7 +51,7 @@ from deformnb.io.volumes.tiff_pages import (
 )
 from deformnb.io.volumes.voxels import stored_dtype
 from deformnb.volume.units import common_unit, parse_unit, ratio
-from deformnb.volume.volume import IDENTITY, Grid, Volume, optional_package, voxel_checksum
+from deformnb.volume.volume import IDENTITY, Grid, Volume, voxel_checksum
 
 TIFF_SUFFIXES = (".ome.tif", ".ome.tiff", ".tif", ".tiff")
 

@@ -19,11 +19,11 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import optional_package
 from deformnb.errors import MissingPackageError
 from deformnb.io.files.codecs import unpack_bytes, unpack_picture
 from deformnb.io.files.errors import fail, printable
 from deformnb.io.volumes.headers import volume_shape
-from deformnb.volume.volume import optional_package
 
 # NumPy's code and how many of it make one value: a rational is a pair. Texts and undefined bytes (S) stay bytes.
 _FIELD_TYPES = {

@@ -1,0 +1,108 @@
+"""Array protocol of volumes and pictures: what NumPy sees of them, and which slices and results keep their place.
+
+A volume stands for its voxels wherever NumPy computes. Slices leave a part of the grid, so that the result is a volume
+again; a number in their place removes an axis, and an array without a place is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import EllipsisType
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from deformnb.errors import DeformError
+
+
+class AbstractValues:
+    """Object with an array of values that NumPy takes for it: ``np.asarray``, ``shape``, ``ndim`` and ``dtype``."""
+
+    values: NDArray[Any]
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
+        """The values, for ``np.asarray``; not copied where their type may stay."""
+        target = np.dtype(dtype) if dtype is not None else self.dtype
+        if copy is False and target != self.dtype:
+            raise ValueError(f"values of type {self.dtype} do not become {target} without a copy.")
+        return np.array(self.values, dtype=target) if copy else np.asarray(self.values, dtype=target)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the array."""
+        return self.values.shape
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes of the array."""
+        return self.values.ndim
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the values."""
+        return self.values.dtype
+
+
+def full_slices(key: object, shape: tuple[int, ...]) -> tuple[slice, ...] | None:
+    """The slices of every axis, with start, stop and step, of an index in brackets; None if it has anything else.
+
+    Parameters
+    ----------
+    key : a slice, an ellipsis or a tuple of them.
+    shape : of the array.
+
+    Raises
+    ------
+    DeformError
+        For a step below 1, which would reverse an axis or is 0, for slices that leave nothing, and for more slices than
+        axes.
+
+    Examples
+    --------
+    >>> full_slices((slice(2, None), ..., slice(None, None, 2)), (4, 5, 6))
+    (slice(2, 4, 1), slice(0, 5, 1), slice(0, 6, 2))
+    >>> full_slices((slice(2, None), 3), (4, 5, 6)) is None
+    True
+    """
+    parts = key if isinstance(key, tuple) else (key,)
+    if not all(isinstance(part, slice | EllipsisType) for part in parts):
+        return None
+    before = parts.index(...) if ... in parts else len(parts)
+    given = [part for part in parts if isinstance(part, slice)]
+    if len(given) > len(shape) or len(parts) - len(given) > 1:
+        raise DeformError(f"an array of {len(shape)} axes takes as many slices, got {len(given)}.")
+    rest = [slice(None)] * (len(shape) - len(given))
+    every = [*given[:before], *rest, *given[before:]]
+    return tuple(_full_slice(part, size) for part, size in zip(every, shape, strict=True))
+
+
+def _full_slice(part: slice, size: int) -> slice:
+    if part.step is not None and part.step < 1:
+        raise DeformError(
+            f"a slice of a volume has a step of 1 or more, got {part.step}, which would reverse an axis; "
+            "np.asarray(volume)[::-1] reverses the array alone."
+        )
+    start, stop, step = part.indices(size)
+    if stop <= start:
+        raise DeformError(f"the slice {_written(part)} leaves no voxel of an axis of {size}.")
+    return slice(start, stop, step)
+
+
+def _written(part: slice) -> str:
+    start, stop = ("" if end is None else str(end) for end in (part.start, part.stop))
+    return f"{start}:{stop}" + ("" if part.step is None else f":{part.step}")
+
+
+def call_on_values(ufunc: np.ufunc, method: str, inputs: Sequence[Any], options: dict[str, Any]) -> Any:
+    """Result of a universal function of NumPy, with the values of volumes and pictures in their place.
+
+    Raises
+    ------
+    DeformError
+        If the result is to be written into one of them (``volume += 1``): they never change.
+    """
+    if any(isinstance(out, AbstractValues) for out in options.get("out", ())):
+        raise DeformError("a volume is never changed in place: make another one, for example volume = volume + 1.")
+    values = [given.values if isinstance(given, AbstractValues) else given for given in inputs]
+    return getattr(ufunc, method)(*values, **options)

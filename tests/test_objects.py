@@ -1,0 +1,255 @@
+"""Table of the public classes of a notebook: what each shows, and what Python and NumPy make of it, literally."""
+
+from __future__ import annotations
+
+import copy
+import io
+import pickle
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import deformnb as dn
+from deformnb.volume.plane import Raster
+from deformnb.warping.points import Landmarks
+
+EVIL = "<script>a & b</script>"
+SAFE = "&lt;script&gt;a &amp; b&lt;/script&gt;"
+
+GRID = dn.Grid((2, 2, 3), (1.0, 1.0, 2.5), (10.0, 0.0, 0.0), unit="mm")
+VOLUME = dn.Volume(np.arange(12, dtype=np.uint8).reshape(2, 2, 3), GRID, EVIL)
+PLANE = dn.Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
+PICTURE = dn.Picture(
+    np.array([[0, 100, 200]], np.uint8), PLANE, Raster((1, 3), (1.0, 2.0), (0.0, 0.0)), "slice", (0.0, 200.0)
+)
+POINTS = dn.ControlPoints.from_arrays(
+    [[0, 0], [10, 0], [0, 10]], [[0, 0], [13, 4], [0, 10]], names=["tail", EVIL, ""], active=[True, True, False]
+)
+MARKS = Landmarks([[0, 0, 0], [1, 2, 3]], ("tail", EVIL), fixed=[[0, 0, 1], [np.nan] * 3], unit="mm")
+DEFORMATION = dn.Deformation((dn.Step((POINTS,), PLANE, name=EVIL, trend="translation"),), name=EVIL)
+FIT = dn.fit_rbf(POINTS, trend="translation", support=20.0)
+
+
+def session() -> dn.Session:
+    return dn.Session(VOLUME, DEFORMATION)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Wanted outputs of an object; texts of errors are those of exceptions, with their types."""
+
+    made: Callable[[], Any]
+    text: str
+    html: str | None  # with <img> for each picture; None where there is none
+    png: tuple[int, int] | None  # width and height
+    array: Any  # np.asarray, as lists
+    length: Any
+    items: Any  # the texts of iteration
+    equals_copy: bool  # == of an object and its copy, which is always unequal to None
+    hashable: bool
+
+
+OBJECT = "an array of one object"
+NO_LENGTH = "TypeError: object of type '{}' has no len()"
+NOT_ITERABLE = "TypeError: '{}' object is not iterable"
+
+TABLE = {
+    "Volume": Row(
+        lambda: VOLUME,
+        f"<Volume '{EVIL}': 3 x 2 x 2 voxels (x, y, z), uint8, spacing 1 x 1 x 2.5 mm>",
+        f"<div><b>Volume</b> {SAFE}<br><img><table><tr><th>shape (z, y, x)</th><td>2 x 2 x 3</td></tr>"
+        "<tr><th>voxels</th><td>uint8, 0 to 11</td></tr>"
+        "<tr><th>spacing (x, y, z)</th><td>1 x 1 x 2.5 mm</td></tr>"
+        "<tr><th>origin (x, y, z)</th><td>10, 0, 0 mm</td></tr><tr><th>axes</th><td>LPS</td></tr></table></div>",
+        None,
+        [[[0, 1, 2], [3, 4, 5]], [[6, 7, 8], [9, 10, 11]]],
+        2,
+        ["[[0 1 2]\n [3 4 5]]", "[[ 6  7  8]\n [ 9 10 11]]"],
+        False,
+        True,
+    ),
+    "Picture": Row(
+        lambda: PICTURE,
+        "<Picture: slice, 3 x 1 pixels (right, down) of 1 x 2, uint8 from 0 to 200>",
+        None,
+        (480, 320),
+        [[0, 100, 200]],
+        NO_LENGTH.format("Picture"),
+        NOT_ITERABLE.format("Picture"),
+        False,
+        True,
+    ),
+    "ControlPoints": Row(
+        lambda: POINTS,
+        f"<ControlPoints: 3 points in the plane, 1 moved: 'tail', '{EVIL[:20]}'>",
+        "<div><b>ControlPoints</b><table><tr><th></th><th>name</th><th>source (a, b)</th><th>target (a, b)</th>"
+        "<th>moved</th><th></th></tr>"
+        "<tr><td>1</td><td>tail</td><td>0, 0</td><td>0, 0</td><td>0</td><td></td></tr>"
+        f"<tr><td>2</td><td>{SAFE}</td><td>10, 0</td><td>13, 4</td><td>5</td><td></td></tr>"
+        "<tr><td>3</td><td></td><td>0, 10</td><td>0, 10</td><td>0</td><td>off</td></tr></table></div>",
+        None,
+        "TypeError: control points are two arrays; take points.source or points.target.",
+        3,
+        [
+            (
+                "ControlPoint(id=0, name='tail', source=(0.0, 0.0), target=(0.0, 0.0), active=True, weight=1.0, "
+                "locked=False, radius=None)"
+            ),
+            (
+                f"ControlPoint(id=1, name='{EVIL}', source=(10.0, 0.0), target=(13.0, 4.0), active=True, weight=1.0, "
+                "locked=False, radius=None)"
+            ),
+            (
+                "ControlPoint(id=2, name='', source=(0.0, 10.0), target=(0.0, 10.0), active=False, weight=1.0, "
+                "locked=False, radius=None)"
+            ),
+        ],
+        True,
+        False,
+    ),
+    "Landmarks": Row(
+        lambda: MARKS,
+        f"<Landmarks: 2 in space, paired with fixed places, in mm: 'tail', '{EVIL[:20]}'>",
+        "<div><b>Landmarks</b><table><tr><th></th><th>name</th><th>place (x, y, z) in mm</th>"
+        "<th>fixed place (x, y, z)</th><th></th></tr>"
+        "<tr><td>1</td><td>tail</td><td>0, 0, 0</td><td>0, 0, 1</td><td></td></tr>"
+        f"<tr><td>2</td><td>{SAFE}</td><td>1, 2, 3</td><td></td><td></td></tr></table></div>",
+        None,
+        [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]],
+        2,
+        ["[0. 0. 0.]", "[1. 2. 3.]"],
+        False,
+        True,
+    ),
+    "Deformation": Row(
+        lambda: DEFORMATION,
+        f"<Deformation '{EVIL}': 1 step (compose)>",
+        f"<div><b>Deformation</b> {SAFE}<table><tr><th></th><th>step</th><th>points</th><th>moved</th><th>fit</th>"
+        "<th>extrusion</th><th></th><th></th><th></th></tr>"
+        f"<tr><td>1</td><td>{SAFE}</td><td>3 on a picture</td><td>1</td><td>wendland_c2, translation trend</td>"
+        "<td>replicate</td><td></td><td></td><td></td></tr></table></div>",
+        None,
+        OBJECT,
+        NO_LENGTH.format("Deformation"),
+        NOT_ITERABLE.format("Deformation"),
+        True,
+        False,
+    ),
+    "Session": Row(
+        session,
+        f"<Session on '{EVIL}', 3 x 2 x 2 voxels (x, y, z): 1 step>",
+        f"<div><b>Session</b> {SAFE}<br><img><table><tr><th></th><th>step</th><th>points</th><th>moved</th>"
+        "<th>fit</th><th>extrusion</th><th></th><th></th><th></th></tr>"
+        f"<tr><td>1</td><td>{SAFE}</td><td>3 on a picture</td><td>1</td><td>wendland_c2, translation trend</td>"
+        "<td>replicate</td><td></td><td></td><td></td></tr></table></div>",
+        None,
+        OBJECT,
+        NO_LENGTH.format("Session"),
+        NOT_ITERABLE.format("Session"),
+        False,
+        True,
+    ),
+    "RBFInterpolant": Row(
+        lambda: FIT,
+        "<RBFInterpolant: 2 points in the plane, wendland_c2, trend translation>",
+        "<div><b>RBFInterpolant</b><table><tr><th>points</th><td>2 in the plane</td></tr>"
+        "<tr><th>kernel</th><td>wendland_c2</td></tr><tr><th>support</th><td>20</td></tr>"
+        "<tr><th>trend</th><td>translation</td></tr></table></div>",
+        None,
+        OBJECT,
+        NO_LENGTH.format("RBFInterpolant"),
+        NOT_ITERABLE.format("RBFInterpolant"),
+        False,
+        True,
+    ),
+}
+
+_IMAGE = re.compile(r'<img alt="[^"<>]+" width="\d+" src="data:image/png;base64,[A-Za-z0-9+/=]+">')
+rows = pytest.mark.parametrize("row", TABLE.values(), ids=TABLE)
+
+
+def outcome(call: Callable[[], Any]) -> Any:
+    """The result of a call, or its error as a text."""
+    try:
+        return call()
+    except TypeError as error:
+        return f"{type(error).__name__}: {error}"
+
+
+@rows
+def test_a_console_shows_one_line(row: Row) -> None:
+    assert repr(row.made()) == row.text
+
+
+@rows
+def test_a_cell_shows_a_picture_or_a_table_with_escaped_names(row: Row) -> None:
+    made = row.made()
+    show = getattr(made, "_repr_html_", None)
+    assert (None if show is None else _IMAGE.sub("<img>", show())) == row.html
+    png = getattr(made, "_repr_png_", None)
+    assert (None if png is None else Image.open(io.BytesIO(png())).size) == row.png
+
+
+@rows
+def test_numpy_takes_it_as_an_array(row: Row) -> None:
+    found = outcome(lambda: np.asarray(row.made()))
+    if isinstance(found, np.ndarray):
+        found = OBJECT if found.dtype == object and found.ndim == 0 else found.tolist()
+    assert found == row.array
+
+
+@rows
+def test_length_and_iteration(row: Row) -> None:
+    assert outcome(lambda: len(row.made())) == row.length
+    assert outcome(lambda: [str(one) for one in row.made()]) == row.items
+
+
+@rows
+def test_equality_and_hash(row: Row) -> None:
+    made = row.made()
+    assert (made == made) is True
+    assert (made == None) is False  # noqa: E711  # as a user may write it
+    assert (made != None) is True  # noqa: E711
+    assert isinstance(outcome(lambda: hash(made)), int) is row.hashable
+
+
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, lambda made: pickle.loads(pickle.dumps(made))])
+@rows
+def test_a_copy_is_the_same(row: Row, way: Callable[[Any], Any]) -> None:
+    made = row.made()
+    found = outcome(lambda: way(made))
+    if isinstance(made, dn.Session):
+        assert found == (
+            "TypeError: a session is not copied; its document makes another one: Session(volume, session.document())."
+        )
+        return
+    assert repr(found) == row.text
+    assert (found == made) is row.equals_copy
+    if isinstance(row.array, list):
+        assert np.asarray(found).tolist() == row.array
+
+
+def test_objects_are_shown_without_jax_and_matplotlib() -> None:
+    code = """
+        import sys
+        import numpy as np
+        import deformnb as dn
+        volume = dn.Volume.from_array(np.arange(60, dtype=np.uint8).reshape(3, 4, 5))
+        points = dn.ControlPoints.from_arrays([[0, 0], [3, 0], [0, 3]], [[0, 0], [3, 1], [0, 3]])
+        session = dn.Session(volume)
+        assert "PIL" not in sys.modules
+        for shown in (volume, points, dn.Deformation.from_picture_points(volume, "+z", points), session):
+            assert shown._repr_html_()
+        assert dn.project(volume, "+z")._repr_png_()
+        print(sorted({"jax", "matplotlib", "vtkmodules", "pandas", "xarray"} & set(sys.modules)))
+    """
+    code = "\n".join(line[8:] for line in code.splitlines())
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=False)
+    assert (run.returncode, run.stdout.strip()) == (0, "[]"), run.stderr
