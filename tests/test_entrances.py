@@ -351,7 +351,7 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
         dn.imaging.deformation_frames(v, _h(v), strengths=1, **SMALL)
     ),
     "imaging.picking.surface_point(volume)": lambda v, _: dn.imaging.surface_point(
-        v, (_like(v).grid.center, [0, 0, 1]), "grey"
+        v, (_like(v).grid.center, [0, 0, 1]), "surface"
     ),
     "imaging.projection.project(ambience)": lambda v, _: dn.project(as_volume(v), "+z", "shaded", ambience=v),
     "imaging.projection.project(volume)": lambda v, _: dn.project(v, "+z"),
