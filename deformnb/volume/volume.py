@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -37,6 +37,9 @@ from deformnb.checks import (
 from deformnb.errors import DeformError, FileChangedError
 from deformnb.volume.array_protocol import AbstractValues, call_on_values, full_slices
 from deformnb.volume.units import check_unit, find_unit, ratio
+
+if TYPE_CHECKING:  # planes are made of volumes
+    from deformnb.volume.plane import ViewName
 
 KEPT = frozenset({"bool", "int8", "uint8", "int16", "uint16", "int32", "float32", "float64"})
 
@@ -1128,7 +1131,7 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
         image.set_qform(image.affine, code=1, update_affine=False)  # else the affine is rounded to float32
         return image
 
-    def plot(self, view: str = "+y", method: str = "mip", *, ax: Any = None, **options: Any) -> Any:
+    def plot(self, view: ViewName = "+y", method: str = "mip", *, ax: Any = None, **options: Any) -> Any:
         """Draw a picture of the volume with Matplotlib, in lengths.
 
         Parameters
