@@ -40,9 +40,9 @@ from deformnb.registration.similarity import MEASURES
 from deformnb.session.examples import EXAMPLES
 from deformnb.volume.channels import CHANNEL_KINDS
 from deformnb.volume.colour_maps import COLOUR_MAPS
-from deformnb.volume.plane import VIEWS
 from deformnb.volume.sampling import METHODS
 from deformnb.volume.transfer import PRESETS
+from deformnb.volume.views import VIEWS
 from deformnb.widgets.studio.studio import VIEW_KINDS
 from deformnb.widgets.view.stills import VIEW_METHODS
 from deformnb.widgets.view.volume_view import TRANSPORTS

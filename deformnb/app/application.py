@@ -22,7 +22,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.session.inputs import as_volume_and_channels, best_view, subject_from
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelsLike
-from deformnb.volume.plane import ViewName
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import Volume
 from deformnb.widgets.cell_widgets import owned_widgets
 from deformnb.widgets.image_encoding import as_jpeg
@@ -41,7 +41,7 @@ class Application:
     ----------
     volume : the volume to deform.
     deformation : the one to start from; default is none.
-    side : of the first picture, a name of :data:`~deformnb.volume.plane.VIEWS`; default is the one that shows most.
+    side : of the first picture, a name of :data:`~deformnb.volume.views.VIEWS`; default is the one that shows most.
     viewer : "live" or "vtk": the renderer of the volume, see :data:`deformnb.app.VIEWERS`.
     folder : where the controls save files.
     language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.

@@ -68,7 +68,7 @@ def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES
     if not 0 <= port < 2**16:
         raise DeformError(f"a port is a number from 0 to 65535, got {port}; 0 takes a free one.")
     if side is not None:
-        from deformnb.volume.plane import VIEWS
+        from deformnb.volume.views import VIEWS
 
         if side not in VIEWS:
             raise DeformError(f"unknown side {side!r}; choose one of {', '.join(VIEWS)}.")

@@ -37,8 +37,9 @@ from deformnb.rbf.slits import check_slits
 from deformnb.rbf.support import lone_support
 from deformnb.volume.channels import Channels
 from deformnb.volume.known_spacings import KnownSpacing, older_document
-from deformnb.volume.plane import Plane, ViewName
+from deformnb.volume.plane import Plane
 from deformnb.volume.units import check_unit, ratio
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import (
     Grid,
     Matrix3,
@@ -633,7 +634,7 @@ class Deformation(AbstractCellOutput):
         Parameters
         ----------
         grid : a volume or its grid.
-        view : one of :data:`~deformnb.volume.plane.VIEWS`, or any plane.
+        view : one of :data:`~deformnb.volume.views.VIEWS`, or any plane.
         points : control points in the picture's coordinates.
         options : further fields of :class:`Step`, lengths in the unit of the volume.
         """

@@ -20,7 +20,8 @@ from deformnb.rbf.kernels import BUILT_IN
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
 from deformnb.rbf.support import ChosenSupport
-from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.plane import Plane
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 
 # Rows of coordinates on one line; a person reads a short list at a glance and a long one not at all.

@@ -21,7 +21,8 @@ from deformnb.imaging.projection import ProjectionName, project
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.named_points import AXIS_NAMES
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.plane import AXIS_SIDES, Picture, Plane, ViewName
+from deformnb.volume.plane import Picture, Plane
+from deformnb.volume.views import AXIS_SIDES, ViewName
 from deformnb.volume.volume import Volume
 from deformnb.warping.points import Landmarks
 

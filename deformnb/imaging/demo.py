@@ -18,8 +18,9 @@ from deformnb.errors import DeformError
 from deformnb.imaging.drawing import draw_pictures
 from deformnb.imaging.projection import project
 from deformnb.imaging.render import RendererName
-from deformnb.volume.plane import Picture, Plane, ViewName
+from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.transfer import otsu_threshold
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import warp_points
 

@@ -29,8 +29,9 @@ from deformnb.imaging.raycast import (
 )
 from deformnb.volume.channels import ChannelDisplay, ChannelsLike, as_channels
 from deformnb.volume.clip import ClipBox
-from deformnb.volume.plane import Picture, Plane, Raster, ViewName
+from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import PresetName, TransferFunction, as_transfer, is_hounsfield, typical_range
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, VolumeLike, as_volume
 from deformnb.warping.planning import run_parts
 
@@ -122,7 +123,7 @@ def project(
     Parameters
     ----------
     volume : the volume to project; voxels that are not finite count as background.
-    view : one of :data:`~deformnb.volume.plane.VIEWS`, or any plane: its u points right, its v down, its normal away.
+    view : one of :data:`~deformnb.volume.views.VIEWS`, or any plane: its u points right, its v down, its normal away.
     method : a name of :data:`PROJECTIONS`.
     transfer : colours and opacities of "composite" and "shaded", or the name of a preset; default is "specimen".
     depth : place of a "slice" along the normal, from the plane; default is the plane itself (the middle of the volume

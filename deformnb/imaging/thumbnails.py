@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from deformnb.imaging.projection import project
 from deformnb.volume.coarsening import block_means, coarser
-from deformnb.volume.plane import ViewName
 from deformnb.volume.transfer import PresetName, levels, preset
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import Volume, as_volume
 
 _VOXELS = 64  # along each axis of the coarse copy, up to half as many again
@@ -27,7 +27,7 @@ def preset_thumbnails(
     Parameters
     ----------
     volume : a coarse copy of it is drawn, in the presets' colours for the volume itself.
-    view : one of :data:`~deformnb.volume.plane.VIEWS`.
+    view : one of :data:`~deformnb.volume.views.VIEWS`.
     size : pixels along each side.
     names : of :data:`~deformnb.volume.transfer.PRESETS`.
 

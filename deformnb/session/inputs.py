@@ -22,8 +22,8 @@ from deformnb.io.volumes.formats import describe_file, read_volume
 from deformnb.io.volumes.series import is_series, open_series
 from deformnb.volume.channels import Channels
 from deformnb.volume.converters import convert
-from deformnb.volume.plane import ViewName
 from deformnb.volume.transfer import levels
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import Grid, Volume, as_spacing, as_volume
 from deformnb.warping.mesh import Mesh, as_mesh, fill_distance, grid_around, is_surface, signed_distance
 

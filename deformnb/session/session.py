@@ -32,8 +32,9 @@ from deformnb.session.results import Results
 from deformnb.session.steps import Steps
 from deformnb.session.view_state import ViewState
 from deformnb.volume.channels import ChannelsLike, as_channels
-from deformnb.volume.plane import Plane, ViewName
+from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import levels
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import Grid, VolumeLike, as_grid, empty_note
 from deformnb.warping.points import Landmarks, LandmarksLike, as_landmarks
 
@@ -48,7 +49,7 @@ class Session:
     volume : to deform; never changed. Any object that is a volume, channels or a mesh is accepted, as in the studio.
     deformation : to continue, in the view state that was saved; default is one step with a point in each corner of the
         picture that holds it still.
-    view : side of the first picture, one of :data:`~deformnb.volume.plane.VIEWS`.
+    view : side of the first picture, one of :data:`~deformnb.volume.views.VIEWS`.
     output : grid of the result; default is the document's, and the volume's own if it has none.
     channels : that are deformed together, where the volume is their
         :meth:`~deformnb.volume.channels.Channels.brightness`.

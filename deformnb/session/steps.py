@@ -13,7 +13,8 @@ from deformnb.document.deformation import ModeName, Step
 from deformnb.document.edits import is_edited, is_view_name, next_view_name, turn_picture
 from deformnb.errors import DeformError
 from deformnb.session.editing import Editing
-from deformnb.volume.plane import VIEWS, Plane, ViewName, side_words
+from deformnb.volume.plane import Plane
+from deformnb.volume.views import VIEWS, ViewName, side_words
 from deformnb.volume.volume import Grid
 
 
@@ -181,7 +182,7 @@ class Steps:
         return (
             self.oblique_views().get(plane, "oblique")
             if side is None
-            else side_words(side, self._editing.grid).split(" (")[0]
+            else side_words(side, is_anatomical=self._editing.grid.is_anatomical).split(" (")[0]
         )
 
     def oblique_views(self) -> dict[Plane, str]:

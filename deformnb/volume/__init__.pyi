@@ -2,12 +2,12 @@ from .channels import ChannelDisplay as ChannelDisplay
 from .channels import Channels as Channels
 from .labelled import from_xarray as from_xarray
 from .labelled import to_xarray as to_xarray
-from .plane import VIEWS as VIEWS
 from .plane import Picture as Picture
 from .plane import Plane as Plane
 from .plane import Raster as Raster
 from .transfer import PRESETS as PRESETS
 from .transfer import TransferFunction as TransferFunction
 from .transfer import preset as preset
+from .views import VIEWS as VIEWS
 from .volume import Grid as Grid
 from .volume import Volume as Volume

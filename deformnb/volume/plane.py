@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,49 +20,12 @@ from deformnb.checks import check_fields, finite_array, finite_number
 from deformnb.errors import DeformError
 from deformnb.volume.array_protocol import AbstractValues
 from deformnb.volume.colour_maps import ColourMapName, colour_table
+from deformnb.volume.views import VIEWS, ViewName
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, VolumeLike, as_finest_grid, as_grid
-
-ViewName: TypeAlias = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-"""Names of the viewing directions."""
-
-VIEWS: tuple[ViewName, ...] = get_args(ViewName)
-"""Viewing directions. "+y" views along growing y: in LPS from the front (anterior) to the back of a patient."""
-
-SIDES = {
-    "+y": "from the front (+y)",
-    "-y": "from behind (-y)",
-    "+x": "from the right (+x)",
-    "-x": "from the left (-x)",
-    "-z": "from above (-z)",
-    "+z": "from below (+z)",
-}
-"""The six views in words, for a patient or an animal in LPS."""
 
 SAME_DIRECTION = 1e-6
 """Largest difference of the unit vectors of two pictures of one side: cameras of front ends are rounded in their turns,
 and over a volume of a thousand voxels so much is a thousandth of one."""
-
-AXIS_SIDES = {
-    "+y": "along +y",
-    "-y": "along -y",
-    "+x": "along +x",
-    "-x": "along -x",
-    "-z": "along -z",
-    "+z": "along +z",
-}
-"""The same where it is not known how a body lies along the axes."""
-
-
-def side_words(view: str, grid: Grid) -> str:
-    """A viewing direction in words: a side of the patient where the directions of the grid are known, else an axis.
-
-    Examples
-    --------
-    >>> side_words("+y", Grid((4, 4, 4))), side_words("+y", Grid((4, 4, 4), is_anatomical=False))
-    ('from the front (+y)', 'along +y')
-    """
-    return (SIDES if grid.is_anatomical else AXIS_SIDES)[view]
-
 
 # Up of the picture for each viewing axis: the head (superior, +z) is up in side and front views; an axial picture has
 # the front of the patient (-y) up. Radiologists expect exactly this.

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -37,9 +37,7 @@ from deformnb.checks import (
 from deformnb.errors import DeformError, FileChangedError
 from deformnb.volume.array_protocol import AbstractValues, call_on_values, full_slices
 from deformnb.volume.units import check_unit, find_unit, ratio
-
-if TYPE_CHECKING:  # planes are made of volumes
-    from deformnb.volume.plane import ViewName
+from deformnb.volume.views import ViewName
 
 KEPT = frozenset({"bool", "int8", "uint8", "int16", "uint16", "int32", "float32", "float64"})
 

@@ -19,8 +19,9 @@ from deformnb._typing import Progress
 from deformnb.checks import check_window
 from deformnb.errors import DeformError
 from deformnb.volume.coarsening import block_means, coarser
-from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction, levels
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.messages.views import BoxData
 

@@ -21,7 +21,7 @@ from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.stages import MOST_STAGES
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.colour_maps import COLOUR_MAPS
-from deformnb.volume.plane import SIDES
+from deformnb.volume.views import SIDES
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.messages.traits import OVERLAYS
 

@@ -18,7 +18,8 @@ from deformnb.imaging.projection import project
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.registration.outlines import outline
 from deformnb.session.session import Session
-from deformnb.volume.plane import Picture, Plane, Raster, ViewName
+from deformnb.volume.plane import Picture, Plane, Raster
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.warping.foreground import foreground_level, tissue_test
 from deformnb.warping.points import warp_points

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from deformnb.checks import check_choice
 from deformnb.document.deformation import Deformation
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.plane import ViewName
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.words import translate
 from deformnb_lessons.fish import GOAL_NODES

@@ -13,7 +13,7 @@ from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_box
 from deformnb.imaging.projection import project
 from deformnb.session.session import Session
-from deformnb.volume.plane import ViewName
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import VolumeLike
 from deformnb.words import translate
 from deformnb_lessons.exercises import AbstractExercise, Result

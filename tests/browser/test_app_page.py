@@ -487,7 +487,7 @@ def test_tabs_and_sections_are_used_by_keys_and_say_that_python_is_busy(browser:
         release.set()
         assert busy.result(60)
         page.locator(".dnb-pt-scroller").wait_for(timeout=PATIENCE)
-        assert page.get_by_text("Waiting for Python").filter(visible=True).count() == 0
+        page.get_by_text("Waiting for Python").filter(visible=True).first.wait_for(state="hidden", timeout=PATIENCE)
         section.press(" ")
         page.locator(".dnb-pt-scroller").wait_for(state="hidden")
 

@@ -12,7 +12,8 @@ from browser.pane_messages import message_text
 from deformnb.document.deformation import Deformation
 from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.plane import VIEWS, Picture
+from deformnb.volume.plane import Picture
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets.editor.editor import Editor

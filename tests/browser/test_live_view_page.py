@@ -18,8 +18,9 @@ from deformnb.document.deformation import Deformation, Step
 from deformnb.imaging.projection import project
 from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import BACKGROUNDS
 from deformnb.widgets.editor.editor import Editor

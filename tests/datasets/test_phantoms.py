@@ -15,7 +15,8 @@ from deformnb.datasets.phantoms import shapes
 from deformnb.datasets.phantoms.fish import scene as fish_scene
 from deformnb.datasets.phantoms.scene import Part, PhantomScene, render, render_labels
 from deformnb.errors import Cancelled, DeformError
-from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.plane import Plane
+from deformnb.volume.views import VIEWS
 
 NAMES = sorted(PHANTOMS)
 COARSE = (24, 26, 22)

@@ -25,7 +25,8 @@ from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.channels import Channels
-from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.plane import Plane
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.mesh import Mesh
 from deformnb.warping.points import Landmarks

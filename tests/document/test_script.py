@@ -16,7 +16,8 @@ from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart
-from deformnb.volume.plane import VIEWS, Plane, Raster
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 
 GRID = Grid((6, 7, 8), (1.0, 0.7, 1.3), (5.0, -2.0, 0.1))

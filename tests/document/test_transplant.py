@@ -17,7 +17,8 @@ from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart
-from deformnb.volume.plane import VIEWS, Plane, Raster
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 
 OLD = Grid((12, 10, 8), (1.0, 1.5, 2.0), (5.0, -3.0, 7.0))

@@ -18,8 +18,9 @@ from deformnb.errors import Cancelled, DeformError
 from deformnb.imaging import projection as module
 from deformnb.imaging.projection import PROJECTIONS, plane_lattice, project
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.plane import VIEWS, Picture, Plane, Raster
+from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import PRESETS, TransferFunction, preset
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 
 # ---- along the voxels ------------------------------------------------------------------------------------------------

@@ -11,8 +11,9 @@ from deformnb.imaging.projection import plane_lattice, project
 from deformnb.imaging.raycast import Layers, PerspectiveCamera, windows_of
 from deformnb.native.jobs import VOXEL_TYPES
 from deformnb.volume.clip import ClipBox, check_clip
-from deformnb.volume.plane import VIEWS, Picture, Plane
+from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 
 TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))

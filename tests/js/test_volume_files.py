@@ -17,8 +17,9 @@ from deformnb.errors import VolumeFileError
 from deformnb.imaging.projection import project
 from deformnb.io import read_volume, write_volume
 from deformnb.volume.known_spacings import known_spacings
-from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import levels, specimen, typical_range
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Volume, voxel_checksum
 from deformnb.widgets.packed_volume import fine_window, packed_volume, whole_window
 

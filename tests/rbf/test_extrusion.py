@@ -22,7 +22,8 @@ from deformnb.rbf.extrusion import CURVE_KNOTS, EXTRUSIONS, Extrusion, extrude, 
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.plane import Plane
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid
 
 GRID = Grid((6, 5, 7), (3.0, 2.0, 5.0), (-4.0, 30.0, 7.0))

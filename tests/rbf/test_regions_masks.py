@@ -20,7 +20,8 @@ from deformnb.rbf.fitting import fit_rigid
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
 from deformnb.rbf.rigid import RigidMotion, RigidPart
-from deformnb.volume.plane import VIEWS, Plane, Raster
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 
 AXES = tuple(map(tuple, Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix().tolist()))

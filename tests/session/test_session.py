@@ -23,8 +23,9 @@ from deformnb.rbf.trends import TRENDS
 from deformnb.session.inputs import source_of
 from deformnb.session.session import Session
 from deformnb.session.view_state import without_view_state
-from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import PRESETS, TransferFunction
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
 

@@ -24,7 +24,8 @@ from deformnb.rbf.cuts import Cut
 from deformnb.rbf.regions import Line
 from deformnb.session.batch import replay
 from deformnb.session.session import Session
-from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.plane import Plane
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 
 GRID = Grid((14, 16, 18), (1.0, 1.5, 1.25), (3.0, -4.0, 5.0))

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from deformnb.errors import DeformError
-from deformnb.volume.plane import VIEWS, Plane, Raster
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid
 
 COORDINATE = st.floats(-1e4, 1e4)

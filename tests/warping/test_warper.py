@@ -25,8 +25,9 @@ from deformnb.native import library
 from deformnb.rbf.extrusion import EXTRUSIONS, Extrusion, extrude, interpolate, modulate, replicate
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, compose
 from deformnb.volume import sampling
-from deformnb.volume.plane import VIEWS, Plane, Raster
+from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.sampling import METHODS
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import DTYPES, Grid, Volume
 from deformnb.warping import planning
 from deformnb.warping.warper import Warper, warp, warp_picture

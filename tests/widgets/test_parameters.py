@@ -13,7 +13,7 @@ from deformnb.rbf.cuts import CUT_RULES
 from deformnb.rbf.extrusion import EXTRUSIONS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
-from deformnb.volume.plane import SIDES
+from deformnb.volume.views import SIDES
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.messages.traits import OVERLAYS
 from deformnb.widgets.parameters import PARAMETERS, Choice, as_json

@@ -23,7 +23,7 @@ from deformnb._typing import Progress
 from deformnb.datasets.phantoms import abdomen, bar, fish, head, horse, knee, lobster
 from deformnb.datasets.phantoms.scene import Part, PhantomScene, render, render_labels
 from deformnb.errors import DeformError
-from deformnb.volume.plane import ViewName
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import Volume
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Phantom:
     scene : function of the scene.
     title : for a menu.
     figure : the figures of the paper that it replaces.
-    view : the picture plane that shows it best, one of :data:`deformnb.volume.plane.VIEWS`.
+    view : the picture plane that shows it best, one of :data:`deformnb.volume.views.VIEWS`.
     projection : suitable for that picture, "mip" or "slice".
     axes : meaning of the x, y and z axes.
 

@@ -23,8 +23,9 @@ from deformnb.rbf.cuts import Cut
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.regions import HalfSpace
 from deformnb.volume.colour_maps import COLOUR_MAPS, ColourMapName, colour_table
-from deformnb.volume.plane import Plane, Raster, ViewName
+from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, levels
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import coarse_tissue
 from deformnb.warping.warper import Warper

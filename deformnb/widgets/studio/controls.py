@@ -25,7 +25,7 @@ from deformnb.rbf.support import lone_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelDisplay
-from deformnb.volume.plane import side_words
+from deformnb.volume.views import side_words
 from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, line, row
@@ -380,7 +380,7 @@ class PicturePanel(Panel):
     def _sides(self) -> list[tuple[str, str]]:
         """The menu: the six sides, the oblique views of the document, and for a step in space that."""
         steps, grid = self.session.steps, self.session.editing.grid
-        sides = [(side_words(view, grid), view) for _, view in PARAMETERS["view"].menu]  # type: ignore[attr-defined]
+        sides = [(side_words(view, is_anatomical=grid.is_anatomical), view) for _, view in PARAMETERS["view"].menu]  # type: ignore[attr-defined]
         views = [(name, f"{_VIEW}{k}") for k, name in enumerate(steps.oblique_views().values())]
         return sides + views + ([_IN_SPACE] if self.session.editing.step.plane is None else [])
 

@@ -43,7 +43,8 @@ from deformnb.session.inputs import (
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelsLike
 from deformnb.volume.converters import NO_PLACE
-from deformnb.volume.plane import Plane, ViewName
+from deformnb.volume.plane import Plane
+from deformnb.volume.views import ViewName
 from deformnb.volume.volume import Grid, Volume, VolumeLike
 from deformnb.widgets.boxes import Boxes
 from deformnb.widgets.camera import picture_mode

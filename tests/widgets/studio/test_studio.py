@@ -46,8 +46,8 @@ from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.kernels import KERNELS, register_kernel
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.channels import ChannelDisplay, Channels
-from deformnb.volume.plane import SIDES, VIEWS
 from deformnb.volume.transfer import levels, preset
+from deformnb.volume.views import SIDES, VIEWS
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
 from deformnb.widgets import Studio

@@ -26,8 +26,9 @@ from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Composed, DisplacementField, Identity, compose
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.plane import VIEWS, Plane
+from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.views import VIEWS
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import HOME, checked_camera
 from deformnb.widgets.editor.editor import Editor
