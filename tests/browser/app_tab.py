@@ -208,9 +208,11 @@ class Tab:
         self.hide_grid()
 
     def hide_grid(self) -> None:
-        """Hide the grid, so that the picture's own pixels can be measured."""
+        """Hide the grid, so that the picture's own pixels can be measured; there is an edit, so that it is shown."""
+        editor = "document.querySelector('.dnb-editor').deformnb"
+        self.page.wait_for_function(f"!{editor}.parts.layers.grid.isWaiting", timeout=PATIENCE)  # else the button shows it
         self.page.locator(".dnb-pane [data-command=grid]").click()
-        self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.model.get('show_grid')")
+        self.page.wait_for_function(f"!{editor}.model.get('show_grid')", timeout=PATIENCE)
 
     def close(self) -> None:
         self.context.close()
