@@ -23,9 +23,11 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress, Spacing, VoxelSlices
 from deformnb.checks import optional_package, short_value
 from deformnb.errors import DeformError
+from deformnb.io.files.addresses import input_path
 from deformnb.io.files.errors import Damage, fail, printable, unpacking
 from deformnb.io.files.memory import default_limit
-from deformnb.io.files.paths import as_path, regular_file
+from deformnb.io.files.paths import address_of, regular_file
+from deformnb.io.files.zarr_copy import ZarrCopy
 from deformnb.io.volumes import ome_zarr, tiff, tiff_pages
 from deformnb.io.volumes.formats import describe_file
 from deformnb.io.volumes.headers import volume_shape
@@ -196,6 +198,8 @@ def _stamp(path: str | Path) -> str:
 
 def _stamps(folder: Path) -> str:
     """A checksum of the names, sizes and times of all files in a folder: a chunk that is written again is another."""
+    if ZarrCopy.containing(folder):  # of an address: it grows as it is read, and its name has the state of the metadata
+        return str(folder)
     digest, waiting = hashlib.sha256(), [str(folder)]
     while waiting:
         with os.scandir(waiting.pop()) as entries:
@@ -435,7 +439,8 @@ def open_volume(
     ----------
     source : a :class:`Volume`; an array [z, y, x] of NumPy (memory maps included), dask, Zarr or h5py; or a path: a
         folder of Zarr or OME-Zarr, ``.h5``/``.hdf5`` (with "file.h5::dataset" where there are several), ``.tif``,
-        ``.npy``, or any file that :func:`deformnb.read_volume` reads, which is then loaded.
+        ``.npy``, or any file that :func:`deformnb.read_volume` reads, which is then loaded; or the address (https, s3
+        and others) of one, of which a folder of Zarr is copied as far as it is read, and another file as a whole.
     grid : of the voxels, instead of the one that the source states; arrays have spacing 1 without it.
     spacing : (x, y, z), instead of the source's.
     name : shown to people.
@@ -539,8 +544,10 @@ def is_partly_readable(path: Path) -> bool:
 
 
 def _from_path(text: str, level: int) -> LargeVolume:
-    file, _, dataset = text.partition("::")
-    path = as_path(file)
+    address = address_of(text)
+    is_chain = bool(address) and address.partition(":")[0] not in ("http", "https", "file")  # "zip://in.h5::all.zip"
+    file, _, dataset = (text, "", "") if is_chain else text.partition("::")
+    path = input_path(file)
     lower = path.name.lower()
     if ome_zarr.is_zarr(path):
         return _from_zarr(path, level)

@@ -210,7 +210,9 @@ class Tab:
     def hide_grid(self) -> None:
         """Hide the grid, so that the picture's own pixels can be measured; there is an edit, so that it is shown."""
         editor = "document.querySelector('.dnb-editor').deformnb"
-        self.page.wait_for_function(f"!{editor}.parts.layers.grid.isWaiting", timeout=PATIENCE)  # else the button shows it
+        self.page.wait_for_function(
+            f"!{editor}.parts.layers.grid.isWaiting", timeout=PATIENCE
+        )  # else the button shows it
         self.page.locator(".dnb-pane [data-command=grid]").click()
         self.page.wait_for_function(f"!{editor}.model.get('show_grid')", timeout=PATIENCE)
 

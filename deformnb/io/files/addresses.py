@@ -2,7 +2,8 @@
 
 A file at ``http`` or ``https`` is downloaded by pooch and kept, under the date and size that its server states, so that
 it comes once and a changed one comes again. A file or a folder at any other address (``s3``, ``zip``, ``memory``) is
-copied by the package fsspec. Both are refused where they would take more than half of the free disk.
+copied by the package fsspec. Both are refused where they would take more than half of the free disk. Of a folder of
+Zarr only what is read is copied (:mod:`deformnb.io.files.zarr_copy`).
 """
 
 from __future__ import annotations
@@ -22,16 +23,16 @@ from urllib.request import Request, url2pathname, urlopen
 from deformnb._typing import Progress
 from deformnb.errors import MissingPackageError, VolumeFileError
 from deformnb.io.files.errors import human_bytes, printable
-from deformnb.io.files.folders import data_home
+from deformnb.io.files.folders import addresses_home
 from deformnb.io.files.paths import address_of, as_path, format_address
+from deformnb.io.files.room import free_share
+from deformnb.io.files.zarr_copy import MARKS, ZarrCopy, is_named_zarr
 
 CHUNK_BYTES = 1 << 14
 """Bytes of a download read at a time: about two hundred steps of the bar for the smallest data set."""
 
 SECONDS = 30
 """Time in which a server has to answer."""
-
-_SHARE = 0.5  # of the free disk that one file may take
 
 
 class Meter:
@@ -152,16 +153,19 @@ def split_progress(path: object, progress: Progress | None) -> tuple[Progress | 
 
 
 def _from_web(address: str, progress: Progress | None) -> Path:
-    shown, scheme, host = format_address(address), *urlsplit(address)[:1], urlsplit(address).hostname
+    shown, host = format_address(address), urlsplit(address).hostname
     name = _name(urlsplit(address).path)
-    if name.lower().endswith(".zarr"):
-        raise VolumeFileError(f"{shown}: a folder of Zarr cannot be listed at {scheme}; download it first.")
+    if is_named_zarr(address):
+        copy = ZarrCopy.open(address.rstrip("/"), name)
+        if copy is None:
+            raise VolumeFileError(f"{shown}: there is no folder of Zarr at this address (no {', '.join(MARKS)}).")
+        return copy.folder
     try:
         state = _state_at(address)
         path = _place(address, state, name)
         if state and path.is_file():
             return path
-        room = _room(path)
+        room = free_share(path.parent)
         meter = Meter(name, room, "the server sends more than half of the free disk,", progress)
         path.unlink(missing_ok=True)
         download(address, path, meter)
@@ -201,10 +205,14 @@ def _from_fsspec(address: str, progress: Progress | None) -> Path:
         if not system.exists(inner):
             raise VolumeFileError(f"{shown}: there is nothing at this address.")
         is_folder = system.isdir(inner)
+        if is_folder and any(system.exists(f"{inner.rstrip('/')}/{mark}") for mark in MARKS):
+            copy = ZarrCopy.open(address.rstrip("/"), _name(inner))
+            if copy is not None:
+                return copy.folder
         path = _place(address, str(system.ukey(inner)) if not is_folder else "", _name(inner))
         if not is_folder and path.is_file():
             return path
-        size, room = system.du(inner) if is_folder else system.size(inner) or 0, _room(path)
+        size, room = system.du(inner) if is_folder else system.size(inner) or 0, free_share(path.parent)
         if size > room:
             raise VolumeFileError(f"{shown} has {human_bytes(size)}, more than half of the free disk.")
         _copy(system, inner, path, is_folder, fsspec.callbacks.Callback(hooks={"share": _teller(progress)}))
@@ -240,10 +248,6 @@ def _name(path: str) -> str:
 def _place(address: str, state: str, name: str) -> Path:
     """The path in the cache of a file in one state; its folder is made."""
     key = hashlib.sha256(f"{address}\n{state}".encode("utf-8", "surrogatepass")).hexdigest()[:32]
-    path = data_home() / "addresses" / key / name
+    path = addresses_home() / key / name
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
-
-
-def _room(path: Path) -> int:
-    return int(_SHARE * shutil.disk_usage(path.parent).free)

@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, TypeGuard
 
 from deformnb.checks import short_value
 from deformnb.errors import DeformError, VolumeFileError
+from deformnb.io.files.room import free_share
 from deformnb.io.files.streams import CHUNK
 
 
@@ -54,7 +55,7 @@ def copied_to_disk(file: BinaryIO, name: str) -> Iterator[Path]:
         If it gives no bytes, or takes more than half of the free disk.
     """
     with tempfile.TemporaryDirectory(prefix="deformnb-") as folder:
-        path, room = Path(folder) / name, shutil.disk_usage(folder).free // 2
+        path, room = Path(folder) / name, free_share(Path(folder))
         with path.open("wb") as target:
             while chunk := file.read(CHUNK):
                 if not isinstance(chunk, bytes | bytearray | memoryview):

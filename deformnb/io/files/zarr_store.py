@@ -1,7 +1,8 @@
-"""A folder of Zarr from which only plain files are read."""
+"""A folder of Zarr from which only plain files are read; one that is the copy of an address gets what is read."""
 
 from __future__ import annotations
 
+import asyncio
 import stat
 from collections.abc import Iterable
 
@@ -10,6 +11,7 @@ from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore
 
 from deformnb.io.files.errors import fail
+from deformnb.io.files.zarr_copy import ZarrCopy
 
 
 class PlainFiles(LocalStore):
@@ -20,6 +22,16 @@ class PlainFiles(LocalStore):
     >>> PlainFiles("scan.zarr", read_only=True)
     LocalStore('file://scan.zarr')
     """
+
+    async def _prepare(self, *keys: str) -> None:
+        """Copy files from the address of which the folder is a copy, and refuse any but plain ones."""
+        copy = ZarrCopy.containing(self.root)
+        if copy is not None:
+            source, inner = copy
+            names = [f"{inner}/{key}" if inner else key for key in keys]
+            await asyncio.gather(*(asyncio.to_thread(source.fetch, name) for name in names))
+        for key in keys:
+            self._check(key)
 
     def _check(self, key: str) -> None:
         path = self.root / key
@@ -34,7 +46,7 @@ class PlainFiles(LocalStore):
         self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
     ) -> Buffer | None:
         """Same as of LocalStore."""
-        self._check(key)
+        await self._prepare(key)
         return await super().get(key, prototype, byte_range)
 
     async def get_partial_values(
@@ -42,6 +54,5 @@ class PlainFiles(LocalStore):
     ) -> list[Buffer | None]:
         """Same as of LocalStore."""
         wanted = list(key_ranges)
-        for key, _ in wanted:
-            self._check(key)
+        await self._prepare(*{key for key, _ in wanted})
         return await super().get_partial_values(prototype, wanted)

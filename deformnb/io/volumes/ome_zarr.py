@@ -26,6 +26,7 @@ from deformnb._typing import Progress
 from deformnb.errors import DeformError, MissingPackageError
 from deformnb.io.files.atomic import atomic_folder
 from deformnb.io.files.errors import fail, printable, unpacking
+from deformnb.io.files.zarr_copy import MARKS, ZarrCopy
 from deformnb.io.volumes.headers import HEADER_BYTES, SINGLE, Geometry, Header, Layout, check_layout, volume_shape
 from deformnb.volume.units import UNITS, common_unit, parse_unit
 from deformnb.volume.volume import IDENTITY, Grid, Volume, voxel_checksum
@@ -53,9 +54,6 @@ CHUNK_SHAPE = (64, 128, 128)
 
 # zarr-python decodes up to this many chunks concurrently (its setting async.concurrency).
 _AT_ONCE = 10
-
-MARKS = ("zarr.json", ".zgroup", ".zarray")
-"""Files of which each folder of Zarr has one."""
 
 # A volume in more chunks than this, each of fewer numbers than that, would be read for hours.
 _MOST_SMALL, _SMALL = 2**20, 2**12
@@ -135,7 +133,7 @@ class Level:
         """Mask of the stored chunks that exist, along z, y and x; None where they are not counted."""
         grid = [-(-n // size) for n, size in zip(self.array.shape, self.storage_shape, strict=True)]
         counted = [1 if isinstance(one, int) else n for one, n in zip(self.index, grid, strict=True)]
-        if math.prod(counted) > _MOST_COUNTED or not self.path.is_dir():
+        if math.prod(counted) > _MOST_COUNTED or not self.path.is_dir() or ZarrCopy.containing(self.path):
             return None
         found = np.zeros(counted, np.bool_)
         for at in np.ndindex(*counted):

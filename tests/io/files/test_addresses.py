@@ -17,7 +17,8 @@ import pytest
 import deformnb as dn
 from deformnb.cli.main import main
 from deformnb.errors import Cancelled, MissingPackageError, VolumeFileError
-from deformnb.io.files import addresses
+from deformnb.io.files import room
+from deformnb.io.volumes import ome_zarr
 
 VOLUME = dn.Volume.from_array(np.arange(24.0).reshape(2, 3, 4), spacing=(1.0, 2.0, 3.0))
 
@@ -114,7 +115,7 @@ def test_a_file_larger_than_the_room_is_refused(
     host, folder, _ = served
     noise = np.random.default_rng(1).integers(0, 255, (64, 64, 64)).astype(np.uint8)
     dn.write_volume(dn.Volume.from_array(noise), folder / "noise.nrrd")
-    monkeypatch.setattr(addresses, "_SHARE", 1e-12)
+    monkeypatch.setattr(room, "SHARE", 1e-12)
     with pytest.raises(VolumeFileError, match="more than half of the free disk"):
         dn.read_volume(f"{host}/noise.nrrd")
     assert left(folder) == []
@@ -128,7 +129,7 @@ def test_what_is_missing_is_named_without_a_password(served: tuple[str, Path, li
     assert left(folder) == []
     with pytest.raises(VolumeFileError, match="could not be downloaded"):
         dn.read_volume("https://127.0.0.1:9/a.nrrd")
-    with pytest.raises(VolumeFileError, match="Zarr cannot be listed at http"):
+    with pytest.raises(VolumeFileError, match="no folder of Zarr at this address"):
         dn.read_volume(f"{host}/a.zarr")
 
 
@@ -168,6 +169,37 @@ def test_a_folder_of_zarr_is_copied_whole(tmp_path: Path, monkeypatch: pytest.Mo
             np.testing.assert_array_equal(dn.read_volume("memory://deformnb/carp.zarr").values, VOLUME.values)
     finally:
         memory.rm("/deformnb", recursive=True)
+
+
+def chunks_asked(asked: list[str]) -> list[str]:
+    names = [line.split()[1] for line in asked if line.startswith("GET")]
+    return [name for name in names if not name.endswith(("zarr.json", ".zgroup", ".zarray", ".zattrs", ".zmetadata"))]
+
+
+@pytest.mark.parametrize("version", ome_zarr.VERSIONS)
+def test_of_a_pyramid_at_an_address_the_chunks_of_one_level_come_once(
+    version: str, served: tuple[str, Path, list[str]]
+) -> None:
+    pytest.importorskip("zarr")
+    host, folder, asked = served
+    values = np.random.default_rng(2).integers(0, 255, (160, 80, 80)).astype(np.uint8)
+    grids = ome_zarr.level_grids(dn.Grid(values.shape, (1.0, 2.0, 3.0)), 2)
+    arrays = ome_zarr.create_pyramid(folder / "carp.zarr", grids, values.dtype, version=version)
+    arrays[0][:], arrays[1][:] = values, ome_zarr.halve(values, discrete=False)
+    coarse = dn.read_volume(folder / "carp.zarr", level=1)
+    again = dn.read_volume(f"{host}/carp.zarr", level=1)
+    assert again.name == "carp"
+    assert again.grid == coarse.grid
+    np.testing.assert_array_equal(again.values, coarse.values)
+    first = chunks_asked(asked)
+    assert first
+    assert all(line.startswith("/carp.zarr/1/") for line in first)
+    dn.read_volume(f"{host}/carp.zarr", level=1)
+    assert chunks_asked(asked) == first
+    large = dn.chunked.open_volume(f"{host}/carp.zarr")
+    np.testing.assert_array_equal(np.asarray(large.read((slice(0, 4), slice(0, 4), slice(0, 4)))), values[:4, :4, :4])
+    fine = [line for line in chunks_asked(asked) if line.startswith("/carp.zarr/0/")]
+    assert 0 < len(fine) < 8
 
 
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
