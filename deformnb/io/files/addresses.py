@@ -8,7 +8,6 @@ Zarr only what is read is copied (:mod:`deformnb.io.files.zarr_copy`).
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 import sys
@@ -22,17 +21,25 @@ from urllib.request import Request, url2pathname, urlopen
 
 from deformnb._typing import Progress
 from deformnb.errors import MissingPackageError, VolumeFileError
+from deformnb.io.files.address_copies import (
+    SECONDS,
+    address_of_copy,
+    describe_failure,
+    describe_refusal,
+    folder_for,
+    is_web,
+    neighbour,
+    note_address,
+    request_bytes,
+    write_whole,
+)
 from deformnb.io.files.errors import human_bytes, printable
-from deformnb.io.files.folders import addresses_home
 from deformnb.io.files.paths import address_of, as_path, format_address
 from deformnb.io.files.room import free_share
 from deformnb.io.files.zarr_copy import MARKS, ZarrCopy, is_named_zarr
 
 CHUNK_BYTES = 1 << 14
 """Bytes of a download read at a time: about two hundred steps of the bar for the smallest data set."""
-
-SECONDS = 30
-"""Time in which a server has to answer."""
 
 
 class Meter:
@@ -141,7 +148,43 @@ def input_path(path: str | os.PathLike[str], progress: Progress | None = None) -
     scheme = address.partition(":")[0]
     if scheme == "file":
         return Path(url2pathname(address.removeprefix("file://")))
-    return (_from_web if scheme in ("http", "https") else _from_fsspec)(address, progress)
+    return (_from_web if is_web(address) else _from_fsspec)(address, progress)
+
+
+def copy_neighbour(path: Path, name: str, most: int | None = None) -> None:
+    """Copy a file that lies beside another one, such as the data file of a header, if that is a copy of an address.
+
+    Parameters
+    ----------
+    path : of the copy, or of any other file, for which nothing is done.
+    name : of the file beside it.
+    most : bytes of a file that may be absent, and is not looked for in vain; by default it must be there.
+
+    Raises
+    ------
+    VolumeFileError
+        If it cannot be copied.
+    """
+    found = address_of_copy(path)
+    if found is None or found[1] != path:
+        return
+    address, target = neighbour(found[0], name), path.parent.joinpath(*name.split("/"))
+    if most is not None:
+        answer = request_bytes(address, most, is_optional=True)
+        if answer is None:
+            target.unlink(missing_ok=True)
+        else:
+            write_whole(target, answer[0])
+        return
+    source = input_path(address)
+    if target.exists() and target.samefile(source):
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.unlink(missing_ok=True)
+    try:
+        os.link(source, target)
+    except OSError:  # a disk without links
+        shutil.copyfile(source, target)
 
 
 def split_progress(path: object, progress: Progress | None) -> tuple[Progress | None, Progress | None]:
@@ -153,7 +196,7 @@ def split_progress(path: object, progress: Progress | None) -> tuple[Progress | 
 
 
 def _from_web(address: str, progress: Progress | None) -> Path:
-    shown, host = format_address(address), urlsplit(address).hostname
+    shown = format_address(address)
     name = _name(urlsplit(address).path)
     if is_named_zarr(address):
         copy = ZarrCopy.open(address.rstrip("/"), name)
@@ -162,17 +205,16 @@ def _from_web(address: str, progress: Progress | None) -> Path:
         return copy.folder
     try:
         state = _state_at(address)
-        path = _place(address, state, name)
+        path = folder_for(address, state) / name
         if state and path.is_file():
             return path
         room = free_share(path.parent)
         meter = Meter(name, room, "the server sends more than half of the free disk,", progress)
         path.unlink(missing_ok=True)
         download(address, path, meter)
+        note_address(path, address)
     except OSError as error:  # requests' errors are OSErrors
-        said = printable(error).replace(address, shown).rstrip(".")
-        reason = type(error).__name__ if len(said) > 120 or not said else said
-        raise VolumeFileError(f"{shown} could not be downloaded from {host} ({reason}).") from error
+        raise describe_failure(address, error) from error
     return path
 
 
@@ -209,19 +251,20 @@ def _from_fsspec(address: str, progress: Progress | None) -> Path:
             copy = ZarrCopy.open(address.rstrip("/"), _name(inner))
             if copy is not None:
                 return copy.folder
-        path = _place(address, str(system.ukey(inner)) if not is_folder else "", _name(inner))
+        path = folder_for(address, "" if is_folder else str(system.ukey(inner))) / _name(inner)
         if not is_folder and path.is_file():
             return path
         size, room = system.du(inner) if is_folder else system.size(inner) or 0, free_share(path.parent)
         if size > room:
             raise VolumeFileError(f"{shown} has {human_bytes(size)}, more than half of the free disk.")
         _copy(system, inner, path, is_folder, fsspec.callbacks.Callback(hooks={"share": _teller(progress)}))
+        note_address(path, address)
     except ImportError as error:
         raise MissingPackageError(f"{shown}: {printable(error)}") from error
     except VolumeFileError:
         raise
     except Exception as error:  # the errors of some fifty kinds of servers
-        raise VolumeFileError(f"{shown} cannot be read ({type(error).__name__}: {printable(error)}).") from error
+        raise describe_refusal(address, error) from error
     return path
 
 
@@ -243,11 +286,3 @@ def _teller(progress: Progress | None) -> Any:
 
 def _name(path: str) -> str:
     return unquote(path.rstrip("/").rpartition("/")[2]).replace("/", "_") or "file"
-
-
-def _place(address: str, state: str, name: str) -> Path:
-    """The path in the cache of a file in one state; its folder is made."""
-    key = hashlib.sha256(f"{address}\n{state}".encode("utf-8", "surrogatepass")).hexdigest()[:32]
-    path = addresses_home() / key / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return path

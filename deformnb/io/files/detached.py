@@ -7,6 +7,7 @@ import os
 import re
 from pathlib import Path
 
+from deformnb.io.files.addresses import copy_neighbour
 from deformnb.io.files.errors import fail, printable
 from deformnb.io.files.paths import regular_file
 
@@ -14,7 +15,8 @@ from deformnb.io.files.paths import regular_file
 def detached_file(header: Path, name: str) -> Path:
     """The data file that a header names, which must be in the header's own folder or below it.
 
-    Anything else is refused: a header from elsewhere could otherwise show any file of this machine as voxels.
+    One that belongs to the copy of an address is copied too. Anything else is refused: a header from elsewhere could
+    otherwise show any file of this machine as voxels.
     """
     plain = name.strip()
     parts = re.split(r"[/\\]", plain)
@@ -33,6 +35,7 @@ def detached_file(header: Path, name: str) -> Path:
         raise fail(
             header, f"its data file '{printable(plain)}' is a link out of the header's own folder; it is not read."
         )
+    copy_neighbour(header, "/".join(parts))
     if not target.exists():
         raise fail(header, f"its data file '{printable(plain)}' is missing; it belongs next to the header.")
     if target.resolve() == header.resolve():

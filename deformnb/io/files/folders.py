@@ -19,8 +19,3 @@ def data_home() -> Path:
 
     chosen = os.environ.get("DEFORMNB_DATA")
     return Path(chosen).expanduser() if chosen else platformdirs.user_cache_path("deformnb", appauthor=False) / "data"
-
-
-def addresses_home() -> Path:
-    """Folder of the copies of files at addresses: a folder for each address and state of its file."""
-    return data_home() / "addresses"

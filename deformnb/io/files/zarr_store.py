@@ -27,9 +27,8 @@ class PlainFiles(LocalStore):
         """Copy files from the address of which the folder is a copy, and refuse any but plain ones."""
         copy = ZarrCopy.containing(self.root)
         if copy is not None:
-            source, inner = copy
-            names = [f"{inner}/{key}" if inner else key for key in keys]
-            await asyncio.gather(*(asyncio.to_thread(source.fetch, name) for name in names))
+            inner = self.root.relative_to(copy.folder)
+            await asyncio.gather(*(asyncio.to_thread(copy.fetch, (inner / key).as_posix()) for key in keys))
         for key in keys:
             self._check(key)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from deformnb._typing import Progress
 from deformnb.errors import VolumeFileError
-from deformnb.io.files.addresses import input_path
+from deformnb.io.files.addresses import copy_neighbour, input_path
 from deformnb.io.files.atomic import check_target
 from deformnb.io.files.errors import fail
 from deformnb.io.files.paths import as_path
@@ -64,6 +64,7 @@ def read_label_names(path: str | Path) -> dict[int, str]:
         return {}
     stem = _VOLUMES.sub("", path.name)
     for ending in LABEL_TABLES:
+        copy_neighbour(path, stem + ending, _LONGEST)
         if names := read_label_table(path.with_name(stem + ending)):
             return names
     return {}

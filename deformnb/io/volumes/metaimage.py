@@ -102,18 +102,6 @@ def _fields(path: Path) -> tuple[dict[str, str], int]:
     raise fail(path, "its header has no line ElementDataFile; it is cut short or damaged.")
 
 
-def data_file(path: Path) -> Path:
-    """The file with the voxels: this one, or the one that its header names, which must be next to it; of a set the
-    first.
-    """
-    fields, end = _fields(path)
-    name = fields["elementdatafile"]
-    if name.upper() == "LOCAL":
-        return path
-    names, _ = _names(path, name, end)
-    return detached_file(path, names[0] if names else name)
-
-
 def _flag(path: Path, fields: dict[str, str], name: str, missing: bool) -> bool:
     value = fields.get(name.lower())
     if value is None:

@@ -149,18 +149,6 @@ def _split_file_list(text: str) -> tuple[str, str]:
     return (text[: found.end()], text[found.end() :]) if found else (text, "")
 
 
-def data_file(path: Path) -> Path:
-    """The file with the voxels: this one, or the one that its header names, which must be next to it; of a set the
-    first.
-    """
-    header = _fields(path)
-    name = header.fields.get("datafile")
-    if name is None:
-        return path
-    names, _ = _names(path, name, header.files)
-    return detached_file(path, names[0] if names else name)
-
-
 def read_header(path: Path) -> Header:
     """Geometry, type and place of the voxels of a NRRD file."""
     fields, keys, comments, end, files = _fields(path)

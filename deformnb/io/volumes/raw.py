@@ -27,6 +27,7 @@ import numpy as np
 
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
+from deformnb.io.files.addresses import copy_neighbour
 from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.io.files.errors import fail, printable
 from deformnb.io.volumes.headers import Geometry, Header, VoxelBlocks, volume_shape
@@ -55,6 +56,7 @@ def _refuse_constant(name: str) -> float:
 def _side_file(path: Path) -> dict[str, Any] | None:
     """The side file of a volume, None if there is none."""
     side = _side_path(path)
+    copy_neighbour(path, side.name, _SIDE_BYTES)
     if not side.is_file():
         return None
     with side.open("rb") as file:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import functools
 import http.server
+import os
 import sys
 import threading
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +171,62 @@ def test_a_folder_of_zarr_is_copied_whole(tmp_path: Path, monkeypatch: pytest.Mo
             np.testing.assert_array_equal(dn.read_volume("memory://deformnb/carp.zarr").values, VOLUME.values)
     finally:
         memory.rm("/deformnb", recursive=True)
+
+
+@pytest.mark.parametrize("suffix", [".nhdr", ".mhd", ".npy", ".raw"])
+def test_files_that_belong_to_another_come_with_it(suffix: str, served: tuple[str, Path, list[str]]) -> None:
+    host, folder, asked = served
+    for second, values in (
+        (1_000_000_000, VOLUME.values),
+        (1_000_000_009, VOLUME.values + 1),
+    ):  # changed
+        dn.write_volume(replace(VOLUME, values=values), folder / f"the carp{suffix}")
+        for file in folder.iterdir():
+            os.utime(file, (second, second))  # the times of HTTP are whole seconds
+        for _ in range(2):
+            again = dn.read_volume(f"{host}/the%20carp{suffix}")
+            assert again.grid == VOLUME.grid
+            np.testing.assert_array_equal(again.values, values)
+    gets = [line.split()[1] for line in asked if line.startswith("GET") and line.split()[1].endswith("raw")]
+    assert len(gets) == (0 if suffix == ".npy" else 2)
+
+
+def test_of_an_array_without_a_side_file_none_is_asked_in_vain(served: tuple[str, Path, list[str]]) -> None:
+    host, folder, _ = served
+    np.save(folder / "a.npy", VOLUME.values)
+    assert dn.read_volume(f"{host}/a.npy").grid.spacing == (1.0, 1.0, 1.0)
+
+
+def test_a_set_of_slices_and_a_chain_of_transforms_come_whole(served: tuple[str, Path, list[str]]) -> None:
+    host, folder, _ = served
+    (folder / "set").mkdir()
+    for k in range(3):
+        (folder / "set" / f"s{k}.raw").write_bytes(bytes([k] * 20))
+    header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 4 3\nencoding: raw\ndata file: set/s%d.raw 0 2 1\n\n"
+    (folder / "set.nhdr").write_text(header)
+    assert dn.read_volume(f"{host}/set.nhdr").values[:, 0, 0].tolist() == [0, 1, 2]
+    (folder / "set" / "s2.raw").unlink()
+    with pytest.raises(VolumeFileError, match=r"set/s2\.raw could not be downloaded"):
+        dn.read_volume(f"{host}/set.nhdr")
+
+
+def test_a_header_in_an_archive_finds_its_voxels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("fsspec")
+    monkeypatch.setenv("DEFORMNB_DATA", str(tmp_path / "cache"))
+    dn.write_volume(VOLUME, tmp_path / "carp.nhdr")
+    with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
+        for file in tmp_path.glob("carp.*"):
+            archive.write(file, f"in/{file.name}")
+    again = dn.read_volume(f"zip://in/carp.nhdr::{tmp_path}/all.zip")
+    np.testing.assert_array_equal(again.values, VOLUME.values)
+
+
+def test_the_names_of_labels_come_from_beside_them(served: tuple[str, Path, list[str]]) -> None:
+    host, folder, _ = served
+    labels = dn.Volume(np.ones((2, 3, 4), np.uint8), dn.Grid((2, 3, 4)), is_labels=True)
+    dn.write_volume(labels, folder / "bones.nii.gz")
+    (folder / "bones.csv").write_text("label,name\n1,femur\n")
+    assert dn.io.read_label_names(f"{host}/bones.nii.gz") == {1: "femur"}
 
 
 def chunks_asked(asked: list[str]) -> list[str]:
