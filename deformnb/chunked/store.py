@@ -27,6 +27,7 @@ import numpy as np
 from deformnb._jax import jax
 from deformnb.chunked.blocks import BlockWarp
 from deformnb.errors import DeformError
+from deformnb.io.files import zarr_copy
 from deformnb.io.files.atomic import atomic_write, check_target, flush_folder, publish_folder, try_lock, write_error
 from deformnb.io.files.errors import fail, printable
 from deformnb.io.volumes import ome_zarr
@@ -139,7 +140,7 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
     VolumeFileError
         If the disk is full or cannot be written.
     """
-    target = check_target(target, overwrite=overwrite, folder_marks=ome_zarr.MARKS)
+    target = check_target(target, overwrite=overwrite, folder_marks=zarr_copy.MARKS)
     folder = _partial_path(target)
     try:
         with _lock(folder, target):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Progress, Spacing
 from deformnb.chunked.sources import is_partly_readable
+from deformnb.io.files import zarr_copy
 from deformnb.io.files.atomic import atomic_folder
 from deformnb.io.files.errors import Damage, fail
 from deformnb.io.files.memory import default_limit
@@ -78,7 +79,7 @@ def unpack(
             )
         grid, _ = header.grid(None if spacing is None else as_spacing(spacing))
         depth = max(1, min(ome_zarr.CHUNK_SHAPE[0], _SLABS * header.shape[0] // max(1, _bytes(header))))
-        with atomic_folder(target, overwrite=overwrite, folder_marks=ome_zarr.MARKS) as folder:
+        with atomic_folder(target, overwrite=overwrite, folder_marks=zarr_copy.MARKS) as folder:
             [array] = ome_zarr.create_pyramid(
                 folder,
                 [grid],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
+from typing import BinaryIO
 
 from deformnb.checks import short_value
 from deformnb.document.deformation import Deformation, Step
@@ -12,6 +13,7 @@ from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import KnownFiles, atomic_write
 from deformnb.io.files.errors import fail, printable
+from deformnb.io.files.objects import copied_to_disk, is_open_file
 from deformnb.io.files.paths import address_of, as_path
 from deformnb.io.volumes.formats import FORMATS
 from deformnb.rbf.cuts import Cut
@@ -23,7 +25,7 @@ _HERE = KnownFiles()  # of all that belongs to no session
 _OTHER_JSON = (".bigwarp.json", ".mrk.json", ".npy.json", ".raw.json")
 
 
-def read_deformation(path: str | PathLike[str]) -> Deformation:
+def read_deformation(path: str | PathLike[str] | BinaryIO) -> Deformation:
     """The deformation in a file.
 
     Raises
@@ -35,6 +37,7 @@ def read_deformation(path: str | PathLike[str]) -> Deformation:
     --------
     >>> import tempfile
     >>> from pathlib import Path
+    from typing import BinaryIO
     >>> from deformnb.document.json_format import to_json
     >>> file = Path(tempfile.mkdtemp()) / "nothing.json"
     >>> _ = file.write_text(to_json(Deformation()), encoding="utf-8")
@@ -42,13 +45,16 @@ def read_deformation(path: str | PathLike[str]) -> Deformation:
     True
     """
     document, content = read_document(path)
-    if not address_of(path):
+    if not is_open_file(path) and not address_of(path):
         _HERE.remember(path, content)
     return document
 
 
-def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
+def read_document(path: str | PathLike[str] | BinaryIO) -> tuple[Deformation, bytes]:
     """The deformation in a file, and the file's content; see :func:`read_deformation`."""
+    if is_open_file(path):
+        with copied_to_disk(path, "file.json") as copy:
+            return read_document(copy)
     file, name = input_path(path), printable(path)
     try:
         if not file.is_file():
@@ -69,13 +75,17 @@ def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
 
 
 def write_deformation(
-    deformation: Deformation, path: str | PathLike[str], *, known: KnownFiles | None = None, overwrite: bool = True
+    deformation: Deformation,
+    path: str | PathLike[str] | BinaryIO,
+    *,
+    known: KnownFiles | None = None,
+    overwrite: bool = True,
 ) -> None:
-    """Write a deformation to a file, atomically.
+    """Write a deformation to a file, atomically, or to an open one.
 
     Parameters
     ----------
-    path : ends in ``.json`` or has no suffix; any other is that of another kind of file.
+    path : ends in ``.json`` or has no suffix, or is an open file of bytes; any other is that of another kind of file.
     known : with ``overwrite=False``, files that may still be replaced while their content is the one from when they
         were last read or written; default are those of :func:`read_deformation` and of this function in this process.
         This one is known afterwards.
@@ -101,8 +111,11 @@ def write_deformation(
             f"a Deformation is needed to be written, got {short_value(deformation)}; a field is written "
             "by write_transform(field, path, grid)."
         )
-    check_json_target(path, "a deformation")
     data = to_json(deformation).encode("utf-8")
+    if is_open_file(path):
+        path.write(data)
+        return
+    check_json_target(path, "a deformation")
     files = _HERE if known is None else known
     if overwrite:
         writing = atomic_write(path)

@@ -25,8 +25,9 @@ from deformnb.imaging.movie_frames import Frames, animation_frames, deformation_
 from deformnb.imaging.render import render_volume
 from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.io.files.memory import check_room
+from deformnb.io.files.zarr_copy import MARKS
 from deformnb.io.volumes.formats import write_volume
-from deformnb.io.volumes.ome_zarr import MARKS, ZARR_SUFFIX
+from deformnb.io.volumes.ome_zarr import ZARR_SUFFIX
 from deformnb.io.volumes.series import write_channels
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.session.files import Files

@@ -7,15 +7,18 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, TypeGuard
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from deformnb.checks import short_value
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.files.room import free_share
 from deformnb.io.files.streams import CHUNK
 
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
 
-def is_open_file(given: object) -> TypeGuard[BinaryIO]:
+
+def is_open_file(given: object) -> TypeIs[BinaryIO]:
     """Check whether an object is an open file, such as ``open(path, "rb")`` or ``io.BytesIO()``.
 
     Examples
@@ -42,7 +45,7 @@ def name_for(file: Any, suffix: str | None) -> str:
     own = getattr(file, "name", None)
     if isinstance(own, str) and Path(own).suffix:
         return Path(own).name
-    raise DeformError('an open file without a name needs its format: suffix=".nii.gz", ".nrrd" or another.')
+    raise DeformError('an open file without a name needs its format, such as suffix=".nii.gz".')
 
 
 @contextmanager

@@ -16,7 +16,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from deformnb.errors import DeformError
 from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.files.errors import Damage, fail, printable
+from deformnb.io.files.objects import copied_from_disk, copied_to_disk, is_open_file, name_for
 from deformnb.io.files.paths import as_path, named_path, regular_file
 from deformnb.io.files.texts import LONGEST_TABLE, decode_text
 from deformnb.io.landmarks.coordinates import coordinates
@@ -94,12 +95,13 @@ def is_landmarks(path: str | os.PathLike[str]) -> bool:
     return _row(named_path(path)) is not None
 
 
-def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
+def read_landmarks(path: str | os.PathLike[str] | BinaryIO, *, suffix: str | None = None) -> Landmarks:
     """Read landmarks, in LPS.
 
     Parameters
     ----------
-    path : a file of one of :data:`LANDMARK_FORMATS`.
+    path : a file of one of :data:`LANDMARK_FORMATS`, its address, or an open file of bytes.
+    suffix : of an open file, by which its format is known (".fcsv"); by default that of its name.
 
     Raises
     ------
@@ -114,6 +116,9 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
     >>> read_landmarks(file).names
     ('nose',)
     """
+    if is_open_file(path):
+        with copied_to_disk(path, name_for(path, suffix)) as copy:
+            return read_landmarks(copy)
     place = regular_file(input_path(path))
     row = check_landmark_target(place)
     with Damage(place, "leave out other lines than landmarks"):
@@ -140,8 +145,14 @@ def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
     return {**rows, **{f"note {k + 1}": text for k, text in enumerate(found.notes)}}
 
 
-def write_landmarks(landmarks: LandmarksLike, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
-    """Write landmarks, atomically; the suffix chooses the format.
+def write_landmarks(
+    landmarks: LandmarksLike,
+    path: str | os.PathLike[str] | BinaryIO,
+    *,
+    overwrite: bool = True,
+    suffix: str | None = None,
+) -> None:
+    """Write landmarks to a file, atomically, or to an open one; the suffix chooses the format.
 
     Data that a format cannot hold are left out: see :class:`LandmarkFormat`. Slicer's files are written in LPS and in
     millimetres, lists of points of elastix too; in other formats, which state no unit, numbers are not converted.
@@ -154,6 +165,10 @@ def write_landmarks(landmarks: LandmarksLike, path: str | os.PathLike[str], *, o
     >>> read_landmarks(file).points.tolist()
     [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     """
+    if is_open_file(path):
+        with copied_from_disk(path, name_for(path, suffix)) as copy:
+            write_landmarks(landmarks, copy)
+        return
     place, landmarks = as_path(path), as_landmarks(landmarks)
     row = check_landmark_target(place)
     if landmarks.points.shape[1] not in row.dimensions:

@@ -21,6 +21,7 @@ from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.files.errors import Damage, fail, human_bytes, printable
 from deformnb.io.files.memory import default_limit
+from deformnb.io.files.objects import copied_from_disk, copied_to_disk, is_open_file, name_for
 from deformnb.io.files.paths import as_path, named_path, regular_file
 from deformnb.io.meshes.obj import read_obj, write_obj
 from deformnb.io.meshes.ply import read_ply, write_ply
@@ -66,15 +67,18 @@ def is_mesh(path: str | os.PathLike[str]) -> bool:
     return _row(named_path(path)) is not None
 
 
-def read_mesh(path: str | os.PathLike[str], *, name: str | None = None, unit: str = "mm") -> Mesh:
+def read_mesh(
+    path: str | os.PathLike[str] | BinaryIO, *, name: str | None = None, unit: str = "mm", suffix: str | None = None
+) -> Mesh:
     """Read a surface; polygons become triangles, colours and textures are left out.
 
     Parameters
     ----------
-    path : a file of one of :data:`MESH_FORMATS`.
+    path : a file of one of :data:`MESH_FORMATS`, its address, or an open file of bytes.
     name : of the mesh; by default the file's name without its suffix.
     unit : of its lengths, which none of these files states: by default millimetres, as :func:`write_mesh` writes them
         and 3D Slicer means them.
+    suffix : of an open file, by which its format is known (".ply"); by default that of its name.
 
     Raises
     ------
@@ -89,6 +93,9 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None, unit: st
     >>> read_mesh(file).faces.tolist()
     [[0, 1, 2]]
     """
+    if is_open_file(path):
+        with copied_to_disk(path, name_for(path, suffix)) as copy:
+            return read_mesh(copy, name="" if name is None and suffix is not None else name, unit=unit)
     place = regular_file(input_path(path))
     row = _row(place)
     if row is None:
@@ -124,8 +131,10 @@ def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
     }
 
 
-def write_mesh(mesh: MeshLike, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
-    """Write a surface; the suffix chooses the format. It is written atomically.
+def write_mesh(
+    mesh: MeshLike, path: str | os.PathLike[str] | BinaryIO, *, overwrite: bool = True, suffix: str | None = None
+) -> None:
+    """Write a surface to a file, atomically, or to an open one; the suffix chooses the format.
 
     PLY, OBJ and VTP store all digits of the corners; STL rounds them to seven and writes each corner with each face.
     None of them states a unit: where that of the mesh is known its lengths are written in millimetres.
@@ -143,6 +152,10 @@ def write_mesh(mesh: MeshLike, path: str | os.PathLike[str], *, overwrite: bool 
     >>> read_mesh(file).faces.tolist()
     [[0, 1, 2]]
     """
+    if is_open_file(path):
+        with copied_from_disk(path, name_for(path, suffix)) as copy:
+            write_mesh(mesh, copy)
+        return
     place, mesh = as_path(path), as_mesh(mesh)
     row = check_mesh_target(place)
     with atomic_write(place, overwrite=overwrite) as file:

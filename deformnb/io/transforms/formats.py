@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import check_target
 from deformnb.io.files.errors import Damage, fail, human_bytes, printable
 from deformnb.io.files.memory import available_memory
+from deformnb.io.files.objects import copied_from_disk, copied_to_disk, is_open_file, name_for
 from deformnb.io.files.paths import as_path, named_path, regular_file
 from deformnb.io.transforms.displacement_images import read_displacements, write_displacements
 from deformnb.io.transforms.itk import read_itk, write_itk
@@ -128,19 +130,22 @@ def _row(path: Path) -> TransformFormat | None:
     return next((row for row in TRANSFORM_FORMATS.values() if path.name.lower().endswith(row.suffixes)), None)
 
 
-def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None = None) -> AbstractField:
+def read_transform(
+    path: str | os.PathLike[str] | BinaryIO, grid: Grid | VolumeLike | None = None, *, suffix: str | None = None
+) -> AbstractField:
     r"""The backward displacement field of a transform file, which :func:`deformnb.warp` applies.
 
     Parameters
     ----------
-    path : a file of one of :data:`TRANSFORM_FORMATS`. Of ITK's and elastix's transforms all linear ones, displacement
-        fields, B-splines of the orders 1 to 3 and compositions of them are read, and of ITK the kernel transforms
-        ThinPlateSpline (the kernel r), ThinPlateR2LogR and VolumeSpline; those of a plane become fields over a plane.
-        Images hold three components to a voxel, x, y and z in LPS coordinates, as ITK and ANTs write them; of NIfTI
-        files the intent 1006 (displacement vector) means RAS. Of OME-NGFF the one transformation of the root's
-        metadata is read.
+    path : a file of one of :data:`TRANSFORM_FORMATS`, its address, or an open file of bytes. Of ITK's and elastix's
+        transforms all linear ones, displacement fields, B-splines of the orders 1 to 3 and compositions of them are
+        read, and of ITK the kernel transforms ThinPlateSpline (the kernel r), ThinPlateR2LogR and VolumeSpline; those
+        of a plane become fields over a plane. Images hold three components to a voxel, x, y and z in LPS coordinates,
+        as ITK and ANTs write them; of NIfTI files the intent 1006 (displacement vector) means RAS. Of OME-NGFF the one
+        transformation of the root's metadata is read.
     grid : of the result, in whose unit the field is where that is known; else it is in that of the file: mm, or what
         NGFF states.
+    suffix : of an open file, by which its format is known (".tfm"); by default that of its name.
 
     Returns
     -------
@@ -165,6 +170,9 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None 
     >>> read_transform(file).displacement([0.0, 0.0, 0.0]).tolist()
     [1.0, 2.0, 3.0]
     """
+    if is_open_file(path):
+        with copied_to_disk(path, name_for(path, suffix)) as copy:
+            return read_transform(copy, grid)
     place = input_path(path)
     row = _row(place)
     if row is None or not row.is_folder:
@@ -269,13 +277,14 @@ def check_transform_target(path: str | os.PathLike[str], *, overwrite: bool = Tr
 
 def write_transform(
     transform: AbstractField | HasField,
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | BinaryIO,
     grid: Grid | VolumeLike,
     *,
     inverse: str | os.PathLike[str] | None = None,
     direction: FitDirection = "backward",
     overwrite: bool = True,
     progress: Progress | None = None,
+    suffix: str | None = None,
 ) -> None:
     """Write a deformation for ITK, ANTs, 3D Slicer, elastix, VTK or readers of OME-NGFF.
 
@@ -283,8 +292,8 @@ def write_transform(
     ----------
     transform : a field in space, a Deformation of a volume on ``grid``, or the inverse that :func:`deformnb.invert`
         finds.
-    path : ends with the suffix of a writable row of :data:`TRANSFORM_FORMATS`. .tfm, .h5 and .zarr store the parts of a
-        composition, linear ones as matrices; an image is the displacement of all of them.
+    path : ends with the suffix of a writable row of :data:`TRANSFORM_FORMATS`, or is an open file. .tfm, .h5 and .zarr
+        store the parts of a composition, linear ones as matrices; an image is the displacement of all of them.
     grid : whose voxels are the samples of the displacements, in float64 in .tfm, .h5 and .zarr and in float32 in
         images. Between them other programs interpolate linearly.
     inverse : where the inverse of the map on the same grid is written too, a forward map; its header has its residual.
@@ -292,6 +301,7 @@ def write_transform(
         such as that of a file which states it. The result of :func:`deformnb.invert` is known to be forward.
     overwrite : whether existing files may be replaced.
     progress : called with the finished share from 0 to 1.
+    suffix : of an open file, by which its format is known (".tfm"); by default that of its name.
 
     Raises
     ------
@@ -309,6 +319,10 @@ def write_transform(
     >>> file.is_file()
     True
     """
+    if is_open_file(path):
+        with copied_from_disk(path, name_for(path, suffix)) as copy:
+            write_transform(transform, copy, grid, inverse=inverse, direction=direction, progress=progress)
+        return
     own, remark = as_grid(grid), _remark(transform, check_choice(direction, tuple(REMARKS), "direction"))
     places = [as_path(path), *([] if inverse is None else [as_path(inverse)])]
     for place in places:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Float3, Progress, Spacing
 from deformnb.checks import is_finite, short_value
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
+from deformnb.io.files import zarr_copy
 from deformnb.io.files.addresses import input_path, split_progress
 from deformnb.io.files.atomic import check_target
 from deformnb.io.files.errors import Damage, fail, human_bytes, printable
@@ -96,7 +97,7 @@ FORMATS: dict[str, Format] = {
         ome_zarr.read_header,
         ome_zarr.write,
         "OME-Zarr pyramid, a folder",
-        ome_zarr.MARKS,
+        zarr_copy.MARKS,
         None,
     ),
     "tiff": Format(

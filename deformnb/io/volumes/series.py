@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.io.files.errors import Damage, fail, human_bytes
 from deformnb.io.files.memory import default_limit
+from deformnb.io.files.objects import copied_from_disk, copied_to_disk, is_open_file, name_for
 from deformnb.io.files.paths import as_path
 from deformnb.io.files.streams import compress
 from deformnb.io.volumes import images, metaimage, nifti, nrrd, ome_zarr, tiff
@@ -152,13 +153,20 @@ def open_series(
     return Series(place, grid, header.layout, dtype, plain_name(place, kind), header.notes + notes, header, labels)
 
 
-def read_channels(path: str | os.PathLike[str], *, frame: int = 0, spacing: Spacing | None = None) -> Channels:
+def read_channels(
+    path: str | os.PathLike[str] | BinaryIO,
+    *,
+    frame: int = 0,
+    spacing: Spacing | None = None,
+    suffix: str | None = None,
+) -> Channels:
     """The channels of a file at one moment; a picture in its colours.
 
     Parameters
     ----------
-    path, spacing : as in :func:`open_series`.
+    path, spacing : as in :func:`open_series`; or an open file of bytes.
     frame : the moment, counted from 0.
+    suffix : of an open file, by which its format is known (".nrrd"); by default that of its name.
 
     Raises
     ------
@@ -175,6 +183,9 @@ def read_channels(path: str | os.PathLike[str], *, frame: int = 0, spacing: Spac
     >>> read_channels(path)
     <Channels: red, green, blue; 5 x 4 x 1 voxels (x, y, z), uint8>
     """
+    if is_open_file(path):
+        with copied_to_disk(path, name_for(path, suffix)) as copy:
+            return read_channels(copy, frame=frame, spacing=spacing)
     series = open_series(path, spacing=spacing)
     if not isinstance(frame, int) or not 0 <= frame < len(series):
         raise DeformError(f"{series.path.name} has {len(series)} moments, counted from 0, and no moment {frame}.")
@@ -185,9 +196,21 @@ def read_channels(path: str | os.PathLike[str], *, frame: int = 0, spacing: Spac
 
 
 def write_channels(
-    channels: ChannelsLike, path: str | os.PathLike[str], *, overwrite: bool = True, progress: Progress | None = None
+    channels: ChannelsLike,
+    path: str | os.PathLike[str] | BinaryIO,
+    *,
+    overwrite: bool = True,
+    progress: Progress | None = None,
+    suffix: str | None = None,
 ) -> None:
     """Write channels to one file: .nrrd, .nii.gz, .nii, .mha, .ome.tif, or colours of one slice to .png, .jpg or .webp.
+
+    Parameters
+    ----------
+    path : of the file, or an open file.
+    overwrite : whether an existing file may be replaced.
+    progress : receives the share done, 0 to 1; may raise Cancelled.
+    suffix : of an open file, by which its format is known (".nrrd"); by default that of its name.
 
     Raises
     ------
@@ -203,6 +226,10 @@ def write_channels(
     >>> file.is_file()
     True
     """
+    if is_open_file(path):
+        with copied_from_disk(path, name_for(path, suffix)) as copy:
+            write_channels(channels, copy, progress=progress)
+        return
     write_series([as_channels(channels)], path, 1, overwrite=overwrite, progress=progress)
 
 

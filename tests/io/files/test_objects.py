@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,9 @@ import pytest
 
 import deformnb as dn
 from deformnb.errors import DeformError, VolumeFileError
+from deformnb.io.landmarks.formats import LANDMARK_FORMATS
+from deformnb.io.meshes.formats import MESH_FORMATS
+from deformnb.rbf.fields import Affine
 
 VOLUME = dn.Volume.from_array(np.arange(24, dtype=np.int16).reshape(2, 3, 4), spacing=(1.0, 2.0, 3.0))
 
@@ -43,6 +48,64 @@ def test_an_array_of_numpy_is_read_from_memory() -> None:
     np.save(memory, VOLUME.values)
     memory.seek(0)
     np.testing.assert_array_equal(dn.read_volume(memory, suffix=".npy").values, VOLUME.values)
+
+
+MARKS = dn.warping.Landmarks([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], ("nose", "tail"))
+MESH = dn.warping.Mesh([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[0, 1, 2]])
+MOVE = Affine([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize("suffix", [row.suffix for row in LANDMARK_FORMATS.values() if 3 in row.dimensions])
+def test_landmarks_are_written_to_memory_and_read(suffix: str) -> None:
+    memory = io.BytesIO()
+    marks = replace(MARKS, fixed=MARKS.points + 1) if suffix in (".bigwarp.json", ".landmarks.csv") else MARKS
+    dn.write_landmarks(marks, memory, suffix=suffix)
+    memory.seek(0)
+    np.testing.assert_allclose(dn.read_landmarks(memory, suffix=suffix).points, MARKS.points)
+
+
+@pytest.mark.parametrize("suffix", [row.suffixes[0] for row in MESH_FORMATS.values()])
+def test_surfaces_are_written_to_memory_and_read(suffix: str) -> None:
+    memory = io.BytesIO()
+    dn.write_mesh(MESH, memory, suffix=suffix)
+    memory.seek(0)
+    again = dn.read_mesh(memory, suffix=suffix)
+    assert again.name == ""
+    np.testing.assert_allclose(sorted(again.points.tolist()), sorted(MESH.points.tolist()))
+
+
+@pytest.mark.parametrize("suffix", [".tfm", ".nrrd", ".nii.gz", ".mha"])
+def test_transforms_are_written_to_memory_and_read(suffix: str) -> None:
+    memory = io.BytesIO()
+    dn.write_transform(MOVE, memory, dn.Grid((4, 4, 4)), suffix=suffix)
+    memory.seek(0)
+    found = dn.read_transform(memory, suffix=suffix)
+    np.testing.assert_allclose(found.displacement([1.0, 1.0, 1.0]), MOVE.displacement([1.0, 1.0, 1.0]), rtol=1e-6)
+
+
+def test_documents_and_channels_are_written_to_memory_and_read() -> None:
+    memory = io.BytesIO()
+    document = dn.Deformation.from_picture_points(VOLUME, "+y", dn.ControlPoints.from_arrays([[1, 1]], [[2, 1]]))
+    dn.write_deformation(document, memory)
+    memory.seek(0)
+    assert dn.read_deformation(memory) == document
+    memory = io.BytesIO()
+    dn.io.write_channels(dn.volume.Channels((VOLUME, VOLUME)), memory, suffix=".nrrd")
+    memory.seek(0)
+    assert len(dn.io.read_channels(memory, suffix=".nrrd")) == 2
+
+
+def test_every_reader_of_one_file_takes_an_open_one() -> None:
+    """A new reader or writer of :mod:`deformnb.io` takes ``io.BytesIO()``, or is named here with its reason."""
+    others = {
+        "read_label_names": "it looks beside the file",
+        "write_segmentation": "it is written like another file",
+        "write_series": "it is written while moments are computed",
+    }
+    for name in dn.io.__all__:
+        if name.startswith(("read_", "write_")) and name not in others:
+            path = inspect.signature(getattr(dn.io, name)).parameters.get("path")
+            assert path is None or "BinaryIO" in str(path.annotation), name
 
 
 def test_an_open_file_needs_a_format_and_bytes() -> None:
