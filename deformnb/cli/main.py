@@ -143,6 +143,7 @@ def _parser() -> argparse.ArgumentParser:
         add_replay,
         add_info,
         _add_datasets,
+        _add_cache,
         _add_doctor,
     ):
         add(commands)
@@ -223,6 +224,14 @@ def _add_datasets(commands: Commands) -> None:
     p.add_argument("name", nargs="?", help="the one to download; prints where it is then (default: list all)")
     add_json(p)
     p.set_defaults(run=_datasets)
+
+
+def _add_cache(commands: Commands) -> None:
+    what = "list the copies of files at addresses, or remove them"
+    p = commands.add_parser("cache", help=what, description=f"{what.capitalize()}.")
+    p.add_argument("--clear", action="store_true", help="remove them; a file that is read again comes again")
+    add_json(p)
+    p.set_defaults(run=_cache)
 
 
 def _add_doctor(commands: Commands) -> None:
@@ -387,6 +396,24 @@ def _datasets(options: argparse.Namespace) -> None:
         print_json({"name": options.name, "path": str(path)})
     else:
         print(path)
+
+
+def _cache(options: argparse.Namespace) -> None:
+    from deformnb.io.files.address_copies import addresses_home, list_copies, remove_copies
+    from deformnb.io.files.errors import human_bytes
+    from deformnb.io.files.paths import format_address
+
+    copies = [(format_address(address), size) for address, size in list_copies()]
+    if options.clear:
+        remove_copies()
+    if options.json:
+        rows = [{"address": address, "size": size} for address, size in copies]
+        print_json({"folder": str(addresses_home()), "copies": rows, "removed": options.clear})
+        return
+    for address, size in copies:
+        print(f"{human_bytes(size):>10}  {address}")
+    total = f"{len(copies)} copies of files at addresses, {human_bytes(sum(size for _, size in copies))}"
+    print(f"{total}, {'removed from' if options.clear else 'in'} {addresses_home()}")
 
 
 def _doctor(options: argparse.Namespace) -> None:

@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,10 +21,11 @@ import deformnb
 from deformnb.cli.main import main
 from deformnb.datasets import DATASETS
 from deformnb.document.deformation import Deformation
-from deformnb.io import read_volume, write_landmarks, write_mesh, write_series, write_transform
+from deformnb.io import read_volume, write_landmarks, write_mesh, write_series, write_transform, write_volume
 from deformnb.io.documents import read_deformation, write_deformation
 from deformnb.rbf.fields import Identity
 from deformnb.volume.channels import Channels
+from deformnb.volume.volume import Volume
 from deformnb.warping.mesh import Mesh
 from deformnb.warping.points import Landmarks
 
@@ -122,6 +124,28 @@ def test_a_dataset_that_is_there_is_a_path(
     found = printed(f"datasets {name} --json", tmp_path, monkeypatch, capsys)
     assert set(found) == documented("datasets NAME")
     assert found == {"name": name, "path": str(tmp_path / DATASETS[name].file)}
+
+
+def test_the_cache_has_the_documented_keys_and_is_emptied(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("fsspec")
+    monkeypatch.setenv("DEFORMNB_DATA", str(tmp_path / "cache"))
+    write_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), tmp_path / "a.nrrd")
+    with zipfile.ZipFile(tmp_path / "all.zip", "w") as archive:
+        archive.write(tmp_path / "a.nrrd", "a.nrrd")
+    address = f"zip://a.nrrd::{tmp_path}/all.zip"
+    assert printed("cache --json", tmp_path, monkeypatch, capsys)["copies"] == []
+    read_volume(address)
+    (tmp_path / "cache" / "data set").write_bytes(b"stays")
+    for removed in (False, True):
+        found = printed(f"cache --json{' --clear' * removed}", tmp_path, monkeypatch, capsys)
+        assert set(found) == documented("cache")
+        assert found["copies"] == [{"address": address, "size": (tmp_path / "a.nrrd").stat().st_size}]
+        assert found["removed"] is removed
+    assert printed("cache --json", tmp_path, monkeypatch, capsys)["copies"] == []
+    assert [file.name for file in (tmp_path / "cache").iterdir()] == ["data set"]
+    np.testing.assert_array_equal(read_volume(address).values, 0)
 
 
 def test_doctor_has_the_documented_keys(

@@ -9,6 +9,7 @@ import contextlib
 import hashlib
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from functools import cache
@@ -67,6 +68,32 @@ def _noted_address(note: Path) -> str | None:
     with contextlib.suppress(OSError, ValueError, LookupError, TypeError):
         return str(json.loads(note.read_bytes())["address"])
     return None
+
+
+def list_copies() -> list[tuple[str, int]]:
+    """The addresses of which there are copies, with the bytes of each on disk, the largest first."""
+    found = []
+    for note in addresses_home().glob(f"*/{_NOTE}"):
+        sizes = [file.stat().st_size for file in note.parent.rglob("*") if file.is_file() and file != note]
+        found.append((_noted_address(note) or note.parent.name, sum(sizes)))
+    return sorted(found, key=lambda row: -row[1])
+
+
+def remove_copies() -> None:
+    """Remove all copies; what is read again comes again.
+
+    Raises
+    ------
+    VolumeFileError
+        If one cannot be removed, such as one from which a program still reads.
+    """
+    _noted_address.cache_clear()
+    home = addresses_home()
+    try:
+        if home.is_dir():
+            shutil.rmtree(home)
+    except OSError as error:
+        raise VolumeFileError(f"{printable(home)}: the copies cannot all be removed ({printable(error)}).") from error
 
 
 def neighbour(address: str, name: str) -> str:
