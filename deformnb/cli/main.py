@@ -278,10 +278,11 @@ def _demo(options: argparse.Namespace) -> None:
 
 def _app(options: argparse.Namespace) -> None:
     from deformnb.app.start import check_app, starting
+    from deformnb.io.files.paths import address_of, named_path
 
     host = check_app(options.host, options.port, options.side, options.idle)
-    subject = str(Path(options.file).resolve()) if options.file else ""
-    name = Path(options.file).name if options.file else "carp"
+    subject = (address_of(options.file) or str(Path(options.file).resolve())) if options.file else ""
+    name = named_path(options.file).name if options.file else "carp"
     with starting(
         name,
         host=host,
@@ -374,12 +375,14 @@ def _copy_addressed(options: argparse.Namespace) -> None:
     """Replace the addresses of files that are read by the paths of their copies."""
     from deformnb.io.files.paths import address_of
 
-    for name in ("file", "input", "session", "volume"):
+    for name in ("file", "input", "inputs", "session", "volume"):
         given = getattr(options, name, None)
-        if isinstance(given, str) and address_of(given):
+        one = [given] if isinstance(given, str) else given or []
+        if any(map(address_of, one)) and (name, options.run) != ("file", _app):  # whose page shows the progress
             from deformnb.io.files.addresses import input_path
 
-            setattr(options, name, str(input_path(given)))
+            copies = [str(input_path(path)) for path in one]
+            setattr(options, name, copies[0] if isinstance(given, str) else copies)
 
 
 def _datasets(options: argparse.Namespace) -> None:

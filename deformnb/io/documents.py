@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from deformnb.checks import short_value
 from deformnb.document.deformation import Deformation, Step
@@ -37,24 +37,25 @@ def read_deformation(path: str | PathLike[str] | BinaryIO) -> Deformation:
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    from typing import BinaryIO
+    from typing import BinaryIO, cast
     >>> from deformnb.document.json_format import to_json
     >>> file = Path(tempfile.mkdtemp()) / "nothing.json"
     >>> _ = file.write_text(to_json(Deformation()), encoding="utf-8")
     >>> read_deformation(file) == Deformation()
     True
     """
-    document, content = read_document(path)
-    if not is_open_file(path) and not address_of(path):
-        _HERE.remember(path, content)
+    if is_open_file(path):
+        with copied_to_disk(path, "file.json") as copy:
+            return read_document(copy)[0]
+    file = cast("str | PathLike[str]", path)
+    document, content = read_document(file)
+    if not address_of(file):
+        _HERE.remember(file, content)
     return document
 
 
-def read_document(path: str | PathLike[str] | BinaryIO) -> tuple[Deformation, bytes]:
+def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
     """The deformation in a file, and the file's content; see :func:`read_deformation`."""
-    if is_open_file(path):
-        with copied_to_disk(path, "file.json") as copy:
-            return read_document(copy)
     file, name = input_path(path), printable(path)
     try:
         if not file.is_file():
@@ -115,16 +116,17 @@ def write_deformation(
     if is_open_file(path):
         path.write(data)
         return
-    check_json_target(path, "a deformation")
+    file = cast("str | PathLike[str]", path)
+    check_json_target(file, "a deformation")
     files = _HERE if known is None else known
     if overwrite:
-        writing = atomic_write(path)
+        writing = atomic_write(file)
     else:
-        files.check(path)
-        writing = atomic_write(path, overwrite=files.has(path), replacing=files.replacing)
+        files.check(file)
+        writing = atomic_write(file, overwrite=files.has(file), replacing=files.replacing)
     with writing as stream:
         stream.write(data)
-    files.remember(path, data)
+    files.remember(file, data)
 
 
 def check_json_target(path: str | PathLike[str], what: str) -> None:

@@ -16,6 +16,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.json_reader import without_surrogates
 from deformnb.errors import DeformError
 from deformnb.io.documents import read_deformation
+from deformnb.io.files.addresses import input_path, split_progress
 from deformnb.io.files.paths import address_of
 from deformnb.io.meshes.formats import is_mesh, read_mesh
 from deformnb.io.volumes.formats import describe_file, read_volume
@@ -64,6 +65,9 @@ def subject_from(given: Any, **options: Any) -> Volume | Channels:
     ----------
     options : of :func:`volume_from`.
     """
+    if address_of(given):
+        copied, options["progress"] = split_progress(given, options.get("progress"))
+        given = input_path(given, copied)
     if isinstance(given, str | PathLike) and not is_mesh(given) and is_series(given):
         series = open_series(given, spacing=options.get("spacing"))
         if len(series) == 1:

@@ -26,7 +26,7 @@ SECONDS = 30
 """Time in which a server has to answer."""
 
 _NOTE = "address.json"
-_CHUNK = 2**16  # bytes of a reply that are read at a time
+_REPLY_PART = 2**16  # bytes of a reply that are read at a time
 
 
 def addresses_home() -> Path:
@@ -192,7 +192,7 @@ def _from_web(address: str, most: int, is_optional: bool) -> tuple[bytes, str] |
                 return None
             answer.raise_for_status()
             content = bytearray()
-            for part in answer.iter_content(_CHUNK):
+            for part in answer.iter_content(_REPLY_PART):
                 content += part
                 if len(content) > most:
                     raise _too_large(address, most)

@@ -122,7 +122,7 @@ def download(address: str, path: Path, meter: Meter, known_hash: str | None = No
             response.close()
 
 
-def input_path(path: str | os.PathLike[str], progress: Progress | None = None) -> Path:
+def input_path(path: str | os.PathLike[str] | Any, progress: Progress | None = None) -> Path:
     """The path of a file to read, with ``~`` expanded; a file at an address is copied to this machine first.
 
     Parameters

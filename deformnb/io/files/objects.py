@@ -7,18 +7,15 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO, TypeGuard
 
 from deformnb.checks import short_value
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.files.room import free_share
 from deformnb.io.files.streams import CHUNK
 
-if TYPE_CHECKING:
-    from typing_extensions import TypeIs
 
-
-def is_open_file(given: object) -> TypeIs[BinaryIO]:
+def is_open_file(given: object) -> TypeGuard[BinaryIO]:
     """Check whether an object is an open file, such as ``open(path, "rb")`` or ``io.BytesIO()``.
 
     Examples

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-SHARE = 0.5
+DISK_SHARE = 0.5
 """Of the free disk, that one file may take."""
 
 
@@ -17,4 +17,4 @@ def free_share(folder: Path) -> int:
     >>> free_share(Path.cwd()) > 0
     True
     """
-    return int(SHARE * shutil.disk_usage(folder).free)
+    return int(DISK_SHARE * shutil.disk_usage(folder).free)

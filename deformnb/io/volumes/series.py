@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,7 +186,7 @@ def read_channels(
     if is_open_file(path):
         with copied_to_disk(path, name_for(path, suffix)) as copy:
             return read_channels(copy, frame=frame, spacing=spacing)
-    series = open_series(path, spacing=spacing)
+    series = open_series(cast("str", path), spacing=spacing)
     if not isinstance(frame, int) or not 0 <= frame < len(series):
         raise DeformError(f"{series.path.name} has {len(series)} moments, counted from 0, and no moment {frame}.")
     for number, channels in enumerate(series):
@@ -230,7 +230,7 @@ def write_channels(
         with copied_from_disk(path, name_for(path, suffix)) as copy:
             write_channels(channels, copy, progress=progress)
         return
-    write_series([as_channels(channels)], path, 1, overwrite=overwrite, progress=progress)
+    write_series([as_channels(channels)], cast("str", path), 1, overwrite=overwrite, progress=progress)
 
 
 def write_series(

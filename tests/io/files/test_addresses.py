@@ -21,6 +21,7 @@ from deformnb.cli.main import main
 from deformnb.errors import Cancelled, MissingPackageError, VolumeFileError
 from deformnb.io.files import room
 from deformnb.io.volumes import ome_zarr
+from deformnb.session.inputs import subject_from
 
 VOLUME = dn.Volume.from_array(np.arange(24.0).reshape(2, 3, 4), spacing=(1.0, 2.0, 3.0))
 
@@ -117,7 +118,7 @@ def test_a_file_larger_than_the_room_is_refused(
     host, folder, _ = served
     noise = np.random.default_rng(1).integers(0, 255, (64, 64, 64)).astype(np.uint8)
     dn.write_volume(dn.Volume.from_array(noise), folder / "noise.nrrd")
-    monkeypatch.setattr(room, "SHARE", 1e-12)
+    monkeypatch.setattr(room, "DISK_SHARE", 1e-12)
     with pytest.raises(VolumeFileError, match="more than half of the free disk"):
         dn.read_volume(f"{host}/noise.nrrd")
     assert left(folder) == []
@@ -203,7 +204,7 @@ def test_a_set_of_slices_and_a_chain_of_transforms_come_whole(served: tuple[str,
     for k in range(3):
         (folder / "set" / f"s{k}.raw").write_bytes(bytes([k] * 20))
     header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 5 4 3\nencoding: raw\ndata file: set/s%d.raw 0 2 1\n\n"
-    (folder / "set.nhdr").write_text(header)
+    (folder / "set.nhdr").write_text(header, encoding="utf-8")
     assert dn.read_volume(f"{host}/set.nhdr").values[:, 0, 0].tolist() == [0, 1, 2]
     (folder / "set" / "s2.raw").unlink()
     with pytest.raises(VolumeFileError, match=r"set/s2\.raw could not be downloaded"):
@@ -225,8 +226,21 @@ def test_the_names_of_labels_come_from_beside_them(served: tuple[str, Path, list
     host, folder, _ = served
     labels = dn.Volume(np.ones((2, 3, 4), np.uint8), dn.Grid((2, 3, 4)), is_labels=True)
     dn.write_volume(labels, folder / "bones.nii.gz")
-    (folder / "bones.csv").write_text("label,name\n1,femur\n")
+    (folder / "bones.csv").write_text("label,name\n1,femur\n", encoding="utf-8")
     assert dn.io.read_label_names(f"{host}/bones.nii.gz") == {1: "femur"}
+
+
+def test_the_subject_of_a_session_at_an_address_reports_its_copy_and_its_reading(
+    served: tuple[str, Path, list[str]],
+) -> None:
+    host, folder, _ = served
+    noise = np.random.default_rng(1).integers(0, 255, (64, 64, 64)).astype(np.uint8)
+    dn.write_volume(dn.Volume.from_array(noise), folder / "noise.nrrd")
+    seen: list[float] = []
+    assert subject_from(f"{host}/noise.nrrd", progress=seen.append).name == "noise"
+    assert seen == sorted(seen)
+    assert seen[0] < 0.5 < seen[-1] == 1.0
+    assert dn.session.Session(f"{host}/noise.nrrd").volume.name == "noise"
 
 
 def chunks_asked(asked: list[str]) -> list[str]:
@@ -275,5 +289,8 @@ def test_commands_take_addresses(served: tuple[str, Path, list[str]], capsys: py
     out = folder.parent / "out.nrrd"
     assert main(["warp", f"{host}/none.json", f"{host}/carp.nrrd", str(out)]) == 0
     np.testing.assert_array_equal(dn.read_volume(out).values, VOLUME.values)
+    results = folder.parent / "results"
+    assert main(["replay", f"{host}/none.json", f"{host}/carp.nrrd", "--out", str(results)]) == 0
+    assert [file.name for file in results.glob("*.nrrd")] == ["carp.nrrd"]
     assert main(["info", "gopher://host/carp.nrrd"]) == 2
     assert "gopher is no kind of address" in capsys.readouterr().err
