@@ -20,6 +20,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._packages import describe_missing
 from deformnb.errors import DeformError, DeformWarning, MissingPackageError
 from deformnb.words import translate
 
@@ -417,10 +418,9 @@ def optional_package(package: str) -> Any:
     Raises
     ------
     MissingPackageError
-        With its name, if it is not installed.
+        With its name and the command that installs it, if it is not installed.
     """
     try:
         return import_module(package)
     except ImportError as error:
-        message = f"this needs the package {package}, which is not installed: pip install {package}"
-        raise MissingPackageError(message) from error
+        raise MissingPackageError(describe_missing(package)) from error

@@ -6,14 +6,12 @@ import ast
 import importlib
 import inspect
 import json
-import os
 import re
 import shutil
 import subprocess
 import sys
 import textwrap
 import tomllib
-import zipfile
 from collections.abc import Callable, Container, Iterator
 from functools import cache
 from graphlib import TopologicalSorter
@@ -32,8 +30,13 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "deformnb"
 LESSONS = ROOT / "lessons" / "deformnb_lessons"
 PACKAGES = (PACKAGE, LESSONS)
-PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
+PROJECT, CORE, THE_LESSONS = (
+    tomllib.loads((ROOT / folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for folder in (".", "core", "lessons")
+)
+TOOL: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["deformnb"]
+OWN: dict[str, dict[str, Any]] = {project["name"]: project for project in (PROJECT, CORE)}
+EXTRAS: dict[str, list[str]] = CORE["optional-dependencies"] | PROJECT["optional-dependencies"]
 
 # Where the name of an import is not that of its distribution.
 DISTRIBUTION = {
@@ -82,17 +85,16 @@ CONDA_NAME = {"lazy-loader": "lazy_loader", "matplotlib": "matplotlib-base"}
 
 
 def _requirements(*extras: str) -> dict[str, str]:
-    """Version bound by distribution name, of the package and of the named extras."""
-    lines = list(PROJECT["dependencies"])
-    for extra in extras:
-        lines += EXTRAS[extra]
+    """Version bound by distribution name, of all that deformnb requires and of the named extras."""
+    lines = [TOOL["core"], *(line for extra in extras for line in EXTRAS[extra])]
     bounds = {}
-    for line in lines:
-        name, bound = re.fullmatch(r"([\w.-]+(?:\[[\w,]+\])?)(.*)", line).groups()  # type: ignore[union-attr]
-        if name.startswith("deformnb["):
-            bounds.update(_requirements(*name[len("deformnb[") : -1].split(",")))
+    for line in lines:  # which grows by the requirements of our own
+        name, own, bound = re.fullmatch(r"([\w.-]+)(?:\[([\w,]+)\])?(.*)", line).groups()  # type: ignore[union-attr]
+        if name in OWN:
+            lines += OWN[name].get("dependencies", [])
+            lines += [one for extra in own.split(",") for one in OWN[name]["optional-dependencies"][extra]]
         else:
-            bounds[name.partition("[")[0].lower()] = bound
+            bounds[name.lower()] = bound
     return bounds
 
 
@@ -184,6 +186,17 @@ def test_everything_imported_is_required(folder: str, extras: list[str]) -> None
 
 def test_everything_required_is_imported() -> None:
     assert set(_requirements("completion", "formats", "interop", "large", "movie")) - _imported(PACKAGE) == set()
+
+
+def test_the_extras_of_users_are_those_of_the_core() -> None:
+    """deformnb requires the parts of "tool.deformnb.core" in any case, and hands on the other extras."""
+    parts = re.fullmatch(r"deformnb-core\[([\w,]+)\]", TOOL["core"])[1].split(",")  # type: ignore[index]
+    handed = {
+        extra for extra, lines in PROJECT["optional-dependencies"].items() if lines == [f"deformnb-core[{extra}]"]
+    }
+    assert handed == CORE["optional-dependencies"].keys() - set(parts)
+    for field in ("requires-python", "license", "classifiers", "keywords"):
+        assert CORE[field] == PROJECT[field]
 
 
 def test_doctor_looks_for_what_is_required() -> None:
@@ -610,10 +623,9 @@ def test_the_lessons_come_with_the_same_licence() -> None:
 
 
 def test_version_is_one_and_in_the_changelog() -> None:
-    assert deformnb.__version__ == PROJECT["version"]
-    lessons = tomllib.loads((ROOT / "lessons" / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert lessons["version"] == deformnb.__version__
-    assert lessons["dependencies"] == [f"deformnb=={deformnb.__version__}"]
+    for project in (PROJECT, CORE, THE_LESSONS):
+        assert project["version"] == deformnb.__version__
+    assert THE_LESSONS["dependencies"] == [f"deformnb-core=={deformnb.__version__}"]
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.search(rf"^## \[{re.escape(PROJECT['version'])}\]", changes, re.MULTILINE)
 
@@ -775,19 +787,6 @@ def test_every_package_in_the_bundles_has_its_copyright_and_the_text_of_its_lice
         assert lines, names
     assert counted >= 40
     assert (ROOT / "frontend" / "licences.txt").read_text(encoding="utf-8") == f"\n{'-' * 80}\n".join(texts)
-
-
-def test_a_wheel_has_the_licences_of_what_is_bundled(tmp_path: Path) -> None:
-    assert PROJECT["license-files"] == ["LICENSE", "NOTICE", "frontend/licences.txt"]
-    pytest.importorskip("hatchling", reason="hatchling builds wheels: pip install hatchling")
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
-    subprocess.run(command, cwd=ROOT, env={**os.environ, "DEFORMNB_NATIVE": "off"}, check=True, capture_output=True)
-    (wheel,) = tmp_path.iterdir()
-    with zipfile.ZipFile(wheel) as archive:
-        folder = f"{'-'.join(wheel.name.split('-')[:2])}.dist-info"
-        for name in PROJECT["license-files"]:
-            assert archive.read(f"{folder}/licenses/{name}") == (ROOT / name).read_bytes()
-            assert f"License-File: {name}" in archive.read(f"{folder}/METADATA").decode().splitlines()
 
 
 def test_the_notice_names_what_every_picture_shows_and_its_licence() -> None:

@@ -109,9 +109,9 @@ def test_the_extras_of_users_are_listed_once() -> None:
     named = {}
     for path in (ROOT / "README.md", ROOT / "lessons" / "README.md", *DOCS.glob("*.md"), *DOCS.glob("howto/*.md")):
         for target in re.findall(r"pip install (?:-U )?([^\n`#]*?)(?=\s*[`#\n]|\" )", path.read_text(encoding="utf-8")):
-            for one in re.findall(r"(?:\.|deformnb)\[([\w,]+)\]", target):
+            for one in re.findall(r"(?:\.|deformnb-core)\[([\w,]+)\]", target):
                 named.setdefault(path.name, set()).update(one.split(","))
-            is_public = re.search(r"\bdeformnb(?!\[)", target) is not None
+            is_public = re.search(r"\bdeformnb(?!-core\[)", target) is not None
             assert not is_public or PUBLIC["install"] == "deformnb", f"{path.name}: it is on no index yet: {target}"
     assert set().union(*named.values()) <= FOR_USERS
     (first,) = re.findall(r"^```sh\npip install (\S+)", text, re.MULTILINE)[:1]

@@ -24,11 +24,13 @@ import threading
 import time
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from deformnb._packages import describe_missing
 from deformnb.app import IDLE_MINUTES
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, MissingPackageError
 from deformnb.io.files.folders import state_home
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.web.addresses import (
@@ -64,7 +66,11 @@ def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES
     ------
     DeformError
         For an address, a port, a side or a time that cannot be.
+    MissingPackageError
+        If trame, which serves the application, is not installed.
     """
+    if find_spec("trame_rca") is None:
+        raise MissingPackageError(describe_missing("trame_rca"))
     if not 0 <= port < 2**16:
         raise DeformError(f"a port is a number from 0 to 65535, got {port}; 0 takes a free one.")
     if side is not None:

@@ -7,6 +7,7 @@ from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from itertools import islice
 from typing import Any
 
+from deformnb._packages import install_command
 from deformnb.errors import DeformError, MissingPackageError
 
 # Work with more bytes of arrays is given to each worker once instead of travelling with the list of tasks.
@@ -119,7 +120,7 @@ def count_threads(client: Any) -> int:
         import distributed
     except ImportError as error:
         raise MissingPackageError(
-            'a cluster needs the package distributed, which is not installed: pip install "deformnb[large]"'
+            f"a cluster needs the package distributed, which is not installed: {install_command('large')}"
         ) from error
     if not isinstance(client, distributed.Client):
         raise DeformError(f"client is a dask.distributed.Client, got {type(client).__name__}.")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from deformnb._packages import install_command
 from deformnb._typing import Progress
 from deformnb.checks import is_finite, short_value, warn
 from deformnb.chunked import execution
@@ -210,8 +211,8 @@ def _lazy(job: BlockWarp) -> Any:
         from dask.delayed import delayed
     except ImportError as error:
         raise MissingPackageError(
-            "arrays of dask need the package dask, which is not installed: pip install "
-            '"deformnb[large]"; or name a target'
+            f"arrays of dask need the package dask, which is not installed: {install_command('large')}; "
+            "or name a target"
         ) from error
     # The array may exist long after it was computed: it holds no chunks of the source.
     shared = delayed(replace(job, cache=ChunkCache(job.source, 0)), traverse=False)

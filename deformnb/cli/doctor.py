@@ -9,6 +9,9 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from deformnb import __version__
+from deformnb._packages import install_command
+
 
 @dataclass(frozen=True)
 class Check:
@@ -21,6 +24,8 @@ class Check:
 
 
 OPTIONAL = {
+    "pyvista": ("drawing by VTK, objects of pyvista and VTK, VTP files to write", "vtk"),
+    "trame-rca": ('application: "deformnb app"', "app"),
     "SimpleITK": ("SimpleITK objects", "formats"),
     "nibabel": ("nibabel objects", "formats"),
     "h5py": ("transforms in HDF5", "formats"),
@@ -40,10 +45,6 @@ REQUIRED = (
     "scipy",
     "jax",
     "matplotlib",
-    "pyvista",
-    "vtk",
-    "trame",
-    "trame-rca",
     "ipywidgets",
     "anywidget",
     "pooch",
@@ -95,7 +96,7 @@ def report(checks: list[Check]) -> str:
 def as_records(checks: list[Check]) -> dict[str, Any]:
     """The checks as values of JSON; a remedy is None where the part works."""
     rows = [{**asdict(check), "remedy": None if check.works else check.remedy or None} for check in checks]
-    return {"deformnb": _version("deformnb"), "checks": rows}
+    return {"deformnb": __version__, "checks": rows}
 
 
 def _version(name: str) -> str | None:
@@ -116,7 +117,7 @@ def check_optional(name: str) -> Check:
     use, extra = OPTIONAL[name]
     version = _version(name)
     found = f"{version} ({use})" if version else f"not installed: no {use}"
-    return Check(name, version is not None, found, f"pip install 'deformnb[{extra}]'")
+    return Check(name, version is not None, found, install_command(extra))
 
 
 def _safe_check(part: str, check: Callable[[], Check]) -> Check:

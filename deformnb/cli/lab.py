@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from deformnb._packages import install_command
 from deformnb.errors import DeformError, MissingPackageError
 
 FIRST = "01_quickstart.ipynb"
@@ -83,7 +84,9 @@ def shipped_notebooks() -> list[Path]:
     for folder in (package / "notebooks", package.parent / "notebooks"):  # installed; a checkout
         if (folder / FIRST).is_file():
             return sorted(folder.glob("*.ipynb"))
-    raise DeformError(f"{FIRST} is missing from this installation; pip install --force-reinstall --no-deps deformnb.")
+    raise DeformError(
+        f"{FIRST} is missing from this installation; pip install --force-reinstall --no-deps deformnb-core."
+    )
 
 
 def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
@@ -167,5 +170,5 @@ def check_lab(*more: str) -> None:
     for name in ("jupyterlab", "ipykernel", *more):
         if importlib.util.find_spec(name) is None:
             raise MissingPackageError(
-                f"{name} is not installed, and the notebooks need it; pip install 'deformnb[notebook]'."
+                f"{name} is not installed, and the notebooks need it; {install_command('notebook')}."
             )

@@ -12,12 +12,14 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
+from importlib.util import find_spec
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._packages import install_command
 from deformnb._typing import Image
 from deformnb.errors import DeformError
 from deformnb.imaging.camera import Camera
@@ -40,6 +42,8 @@ def gl_status() -> tuple[bool, str, str]:
 
     A missing library does not raise in VTK, it ends the process: so a child process tries, once, for about a second.
     """
+    if find_spec("vtkmodules") is None:
+        return False, "VTK is not installed", f"{install_command('vtk')}; until then choose the renderer core"
     for name in _WINDOWS:
         environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": name}
         try:

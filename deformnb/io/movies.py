@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import scipy
+from deformnb._packages import install_command
 from deformnb._typing import Image
 from deformnb.checks import finite_number, short_value
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
@@ -244,7 +245,7 @@ def _write_mp4(path: Path, frames: Iterator[Image], fps: float) -> None:
     try:
         import imageio_ffmpeg
     except ImportError as error:
-        message = "MP4 needs an encoder that is not installed: pip install 'deformnb[movie]', or choose .gif or .webp."
+        message = f"MP4 needs an encoder that is not installed: {install_command('movie')}, or choose .gif or .webp."
         raise MissingPackageError(message) from error
     with atomic_write(path) as file, tempfile.TemporaryFile() as words:
         first = _even(next(frames))

@@ -30,7 +30,7 @@ def test_an_installed_package_has_them_beside_its_modules(tmp_path: Path) -> Non
     (package / "cli").mkdir(parents=True)
     for name in ("__init__.py", "cli/__init__.py"):
         (package / name).touch()
-    for name in ("cli/lab.py", "errors.py"):
+    for name in ("cli/lab.py", "_packages.py", "errors.py"):
         shutil.copy(ROOT / "deformnb" / name, package / name)
     shutil.copytree(ROOT / "notebooks", package / "notebooks")
     code = "from deformnb.cli.lab import shipped_notebooks; print(shipped_notebooks()[0])"
@@ -67,7 +67,7 @@ def test_without_jupyterlab_nothing_is_copied(
     monkeypatch.setitem(sys.modules, absent, None)
     code = run(tmp_path, "lab", monkeypatch)
     message = error_sentence(capsys.readouterr(), code)
-    assert message.endswith("is not installed, and the notebooks need it; pip install 'deformnb[notebook]'.")
+    assert message.endswith('is not installed, and the notebooks need it; pip install "deformnb-core[notebook]".')
     assert list(tmp_path.iterdir()) == []
 
 

@@ -234,7 +234,7 @@ def test_doctor_reports_a_missing_package(capsys: pytest.CaptureFixture[str], mo
     monkeypatch.setattr(metadata, "version", version)
     assert main(["doctor"]) == 0
     out = capsys.readouterr().out
-    assert re.search(r"missing +pydicom +not installed: no DICOM series\n.*pip install 'deformnb\[formats\]'", out)
+    assert re.search(r'missing +pydicom +not installed: no DICOM series\n.*pip install "deformnb-core\[formats\]"', out)
 
 
 def test_a_missing_optional_package_is_named(

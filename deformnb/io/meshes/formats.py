@@ -16,6 +16,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import optional_package
 from deformnb.errors import DeformError
 from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import atomic_write
@@ -185,8 +186,7 @@ def _mesh(points: NDArray[np.float64], counts: NDArray[np.int64], corners: NDArr
         raise DeformError(f"a face has a corner that is not among the {len(points)} of the file")
     if (counts == 3).all():
         return Mesh(points, corners.reshape(-1, 3), name)
-    import pyvista
-
+    pyvista = optional_package("pyvista")
     if not np.isfinite(points).all():
         raise DeformError("a corner is not a finite number")
     if (counts > _MOST_CORNERS).any():

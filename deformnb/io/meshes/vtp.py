@@ -8,6 +8,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import optional_package
 from deformnb.io.files.errors import fail, human_bytes
 from deformnb.io.files.memory import default_limit
 from deformnb.io.files.texts import integers
@@ -105,9 +106,7 @@ def _triangles(sizes: NDArray[np.int64], numbers: NDArray[np.int64]) -> tuple[ND
 
 def write_vtp(mesh: Mesh, file: BinaryIO) -> None:
     """A mesh as VTP with arrays in base64."""
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
-
-    writer = vtkXMLPolyDataWriter()
+    writer = optional_package("vtkmodules.vtkIOXML").vtkXMLPolyDataWriter()
     writer.SetInputData(mesh.to_pyvista())
     writer.WriteToOutputStringOn()
     writer.SetDataModeToBinary()  # appended raw bytes would be no text, which is the form that VTK returns

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._packages import install_command
 from deformnb._typing import Progress
 from deformnb.errors import DeformError, MissingPackageError
 from deformnb.io.files.atomic import atomic_folder
@@ -76,7 +77,7 @@ def zarr_package() -> Any:
         import zarr
     except ImportError as error:
         raise MissingPackageError(
-            'Zarr needs the package zarr, which is not installed: pip install "deformnb[large]"'
+            f"Zarr needs the package zarr, which is not installed: {install_command('large')}"
         ) from error
     return zarr
 

@@ -10,18 +10,19 @@ The messages are those of :data:`deformnb.widgets.messages.views.SERVED`.
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import threading
 import time
 import weakref
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import Any, Literal, TypeAlias, TypeVar
 
 import traitlets
 
+from deformnb._packages import describe_missing
 from deformnb._typing import Image
 from deformnb.document.deformation import Deformation
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, MissingPackageError
 from deformnb.imaging.picking import surface_point
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
@@ -142,10 +143,8 @@ def check_transport(name: str) -> None:
     """Refuse a transport that is unknown or not installed."""
     if name not in TRANSPORTS:
         raise DeformError(f"unknown transport {name!r}; choose one of {', '.join(TRANSPORTS)}.")
-    if name == "trame" and importlib.util.find_spec("trame_rca") is None:
-        raise DeformError(
-            'pictures by trame need trame and trame-rca: pip install "deformnb[app]", or use transport="comm".'
-        )
+    if name == "trame" and find_spec("trame_rca") is None:
+        raise MissingPackageError(f'{describe_missing("trame_rca")}; or use transport="comm"')
 
 
 _Result = TypeVar("_Result")
