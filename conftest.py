@@ -5,11 +5,23 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 pytest_plugins = ["browser_repeats", "browser_start", "file_scheduling", "nightly", "node_files", "report_without_gc"]
+
+# The plugin of napari is tested where napari is.
+collect_ignore = [] if find_spec("napari") else ["napari-deformnb", "tests/napari_deformnb"]
+
+
+def pytest_report_header() -> str | None:
+    """Report that tests are left out, which nothing else would."""
+    if not collect_ignore:
+        return None
+    return 'napari is not installed, and its plugin is not tested: pip install "./napari-deformnb[test]"'
+
 
 # Environment variables, for child processes too. OpenBLAS reads this one when NumPy is imported, which the plugins do:
 # its threads wait for one another by spinning, and where several processes share the processors that was half of the

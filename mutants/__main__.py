@@ -79,7 +79,10 @@ class Copy:
 
     def test(self, tests: list[str], minutes: float) -> tuple[str, str]:
         """Outcome of pytest in a word, and its last line. A run that takes too long hangs, or the machine is busy."""
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(self.root), str(self.root / "lessons")])}
+        environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(str(self.root / name) for name in ("", "lessons", "napari-deformnb")),
+        }
         for own in ("PYTEST_ADDOPTS", "PYTHONDONTWRITEBYTECODE"):
             environment.pop(own, None)
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]

@@ -30,9 +30,10 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "deformnb"
 LESSONS = ROOT / "lessons" / "deformnb_lessons"
 PACKAGES = (PACKAGE, LESSONS)
-PROJECT, CORE, THE_LESSONS = (
+PLUGIN = ROOT / "napari-deformnb" / "napari_deformnb"  # of napari, which may not be installed
+PROJECT, CORE, THE_LESSONS, THE_PLUGIN = (
     tomllib.loads((ROOT / folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    for folder in (".", "core", "lessons")
+    for folder in (".", "core", "lessons", "napari-deformnb")
 )
 TOOL: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["deformnb"]
 OWN: dict[str, dict[str, Any]] = {project["name"]: project for project in (PROJECT, CORE)}
@@ -87,8 +88,12 @@ CONDA_NAME = {"lazy-loader": "lazy_loader", "matplotlib": "matplotlib-base"}
 def _requirements(*extras: str) -> dict[str, str]:
     """Version bound by distribution name, of all that deformnb requires and of the named extras."""
     lines = [TOOL["core"], *(line for extra in extras for line in EXTRAS[extra])]
+    return _bounds(lines)
+
+
+def _bounds(lines: list[str]) -> dict[str, str]:
     bounds = {}
-    for line in lines:  # which grows by the requirements of our own
+    for line in (lines := list(lines)):  # which grows by the requirements of our own
         name, own, bound = re.fullmatch(r"([\w.-]+)(?:\[([\w,]+)\])?(.*)", line).groups()  # type: ignore[union-attr]
         if name in OWN:
             lines += OWN[name].get("dependencies", [])
@@ -104,6 +109,7 @@ def _imported(folder: Path) -> set[str]:
     own |= {
         "deformnb",
         "deformnb_lessons",
+        "napari_deformnb",
         "benchmarks",
         "browser",
         "docs",
@@ -173,6 +179,7 @@ def test_conda_environment_equals_the_requirements() -> None:
     [
         ("deformnb", ["completion", "formats", "interop", "large", "movie", "notebook"]),
         ("lessons", []),
+        ("napari-deformnb", []),
         ("tests", ["test", "peers", "cross-build"]),
         ("benchmarks", ["benchmark", "gpu-benchmark"]),
         ("mutants", ["test"]),
@@ -181,7 +188,8 @@ def test_conda_environment_equals_the_requirements() -> None:
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
     if not (ROOT / folder).is_dir():
         pytest.skip(f"no folder {folder}")
-    assert _imported(ROOT / folder) - set(_requirements(*extras)) == set()
+    plugin = set(_bounds(THE_PLUGIN["dependencies"][1:])) if folder in ("napari-deformnb", "tests") else set()
+    assert _imported(ROOT / folder) - set(_requirements(*extras)) - plugin == set()
 
 
 def test_everything_required_is_imported() -> None:
@@ -253,7 +261,8 @@ def test_the_tests_mirror_the_package() -> None:
         if name.startswith(("browser/", "js/")) or name in OF_A_WHOLE_PACKAGE:
             continue
         name_of_package = path.parent.relative_to(ROOT / "tests")
-        folder = LESSONS if name_of_package == Path("lessons") else PACKAGE / name_of_package
+        others = {Path("lessons"): LESSONS, Path("napari_deformnb"): PLUGIN}
+        folder = others.get(name_of_package, PACKAGE / name_of_package)
         modules = {module.stem for module in folder.iterdir() if module.suffix == ".py" or module.is_dir()}
         assert any(f"{path.stem}_".startswith(f"test_{module}_") for module in modules), f"{name}: no such module"
     assert all((ROOT / "tests" / name).is_file() for name in OF_A_WHOLE_PACKAGE)
@@ -294,7 +303,7 @@ _HALF_SENTENCE = re.compile(
 
 def test_functions_are_named_by_verbs_or_nouns() -> None:
     names = []
-    for folder in (*PACKAGES, ROOT / "tests"):
+    for folder in (*PACKAGES, PLUGIN, ROOT / "tests"):
         for path in sorted(folder.rglob("*.py")):
             functions = [n.name for n in _nodes(path) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
             names += [(path, name) for name in functions if not name.startswith("test_")]
@@ -308,7 +317,7 @@ def test_functions_are_named_by_verbs_or_nouns() -> None:
     assert not found, "\n".join(f"{path.relative_to(ROOT)}: {name}" for path, name in found)
 
 
-@pytest.mark.parametrize("folder", ["benchmarks", "deformnb", "lessons", "mutants", "tests"])
+@pytest.mark.parametrize("folder", ["benchmarks", "deformnb", "lessons", "mutants", "napari-deformnb", "tests"])
 def test_texts_are_read_and_written_in_a_named_encoding(folder: str) -> None:
     """That of the locale is ASCII on some servers; ruff's PLW1514 sees only the paths whose type it can tell."""
     for path in sorted((ROOT / folder).rglob("*.py")):
@@ -609,7 +618,7 @@ def test_docstrings_of_modules_are_sentences_and_name_modules_that_exist() -> No
 def test_docstrings_begin_with_a_noun_phrase_or_an_imperative() -> None:
     """Those of constants too, which are plain strings below them."""
     found = []
-    folders = (*PACKAGES, *(ROOT / name for name in ("benchmarks", "mutants", "tests")))
+    folders = (*PACKAGES, PLUGIN, *(ROOT / name for name in ("benchmarks", "mutants", "tests")))
     for path in sorted((*ROOT.glob("*.py"), *(path for folder in folders for path in folder.rglob("*.py")))):
         for node in _nodes(path):
             text = node.value.value if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) else None
@@ -618,13 +627,15 @@ def test_docstrings_begin_with_a_noun_phrase_or_an_imperative() -> None:
     assert found == []
 
 
-def test_the_lessons_come_with_the_same_licence() -> None:
-    assert (ROOT / "lessons" / "LICENSE").read_text("utf-8") == (ROOT / "LICENSE").read_text("utf-8")
+@pytest.mark.parametrize("folder", ["lessons", "napari-deformnb"])
+def test_each_distribution_comes_with_the_same_licence(folder: str) -> None:
+    assert (ROOT / folder / "LICENSE").read_text("utf-8") == (ROOT / "LICENSE").read_text("utf-8")
 
 
 def test_version_is_one_and_in_the_changelog() -> None:
-    for project in (PROJECT, CORE, THE_LESSONS):
+    for project in (PROJECT, CORE, THE_LESSONS, THE_PLUGIN):
         assert project["version"] == deformnb.__version__
+    assert THE_PLUGIN["dependencies"][0] == f"deformnb-core=={deformnb.__version__}"
     assert THE_LESSONS["dependencies"] == [f"deformnb-core=={deformnb.__version__}"]
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.search(rf"^## \[{re.escape(PROJECT['version'])}\]", changes, re.MULTILINE)

@@ -97,7 +97,7 @@ def world_of_layer(attributes: dict[str, Any], dims: int) -> tuple[NDArray[np.fl
             linear = matrix @ linear
         elif matrix.any():
             raise DeformError(
-                f"the layer's {key} is {short_value(value)}; a volume has straight axes, and a rotation "
+                f"the layer's {key} is {short_value(matrix.tolist())}; a volume has straight axes, and a rotation "
                 "here is a matrix: layer.rotate of a layer that napari has made."
             )
     if attributes.get("scale") is not None:
