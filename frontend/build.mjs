@@ -15,8 +15,8 @@ const here = dirname(fileURLToPath(import.meta.url)),
 const outdir = join(here, "..", "deformnb", "widgets", "static");
 const isDebug = process.argv.includes("--debug");
 
-/** Part of the style sheet of each widget. */
-const DISCONNECTED = "ui/disconnected.css";
+/** Parts of the style sheet of each widget. */
+const EVERYWHERE = ["ui/disconnected.css", "ui/vs_code.css"];
 
 const VIEW = [
   "view/live_view.css",
@@ -107,7 +107,7 @@ const packages = new Map();
 /** Bundles the files of one name; of a module nothing but its default export is left, with its words in a language. */
 async function bundled(name, paths, format) {
   for (const loader of ["ts", "css"]) {
-    const own = [...paths, ...(format === "esm" ? [DISCONNECTED] : [])].filter((path) => path.endsWith(`.${loader}`)),
+    const own = [...paths, ...(format === "esm" ? EVERYWHERE : [])].filter((path) => path.endsWith(`.${loader}`)),
       [first] = own;
     if (!first) continue;
     const contents =

@@ -287,6 +287,7 @@ def test_tests_import_no_private_names() -> None:
 _CALLBACKS = {
     "on_act",
     "on_close",
+    "on_message",
     "on_edit",
     "on_history",
     "on_msg",

@@ -24,7 +24,7 @@ from comm.base_comm import BaseComm
 
 from deformnb.errors import DeformError
 from deformnb.widgets.basic_widgets import layout
-from deformnb.widgets.messages.record import Channel, Message, Refused
+from deformnb.widgets.messages.record import FRAGMENT_BYTES, Channel, Message, Refused, fragments
 from deformnb.widgets.modules import FrontEndModule, module_traits
 from deformnb.words import language, word_table
 
@@ -111,6 +111,15 @@ class SyncedWidget(anywidget.AnyWidget):
     def post(self, message: Message, buffers: Sequence[Any] = ()) -> None:
         """Send a message to the front ends."""
         self.send(message.content(), *([list(buffers)] if buffers else []))
+
+    def send(self, content: Any, buffers: Any = None) -> None:
+        """Send a message to the front ends, in parts where its buffers are too large for one."""
+        if sum(memoryview(buffer).nbytes for buffer in buffers or ()) <= FRAGMENT_BYTES:
+            super().send(content, buffers)
+            return
+        with self._sending:
+            for part, data in fragments(content, buffers):
+                super().send(part.content(), [data])
 
     def receive(self, content: Any, buffers: Any = ()) -> None:
         """Take a message of a front end. One that is wrong is one line in the log, and changes nothing.

@@ -547,6 +547,17 @@ export interface Pictures {
   facts: Record<string, unknown>;
 }
 
+/** Part of a message whose buffers are too large for one. */
+export interface Fragment {
+  type: "fragment";
+  /** Of the part; the others of its message come right after; from 0. */
+  index: number;
+  /** Bytes of each of its buffers. */
+  sizes: number[];
+  /** The message, with its last part. */
+  message: Record<string, unknown> | null;
+}
+
 /** A value that is being changed or was changed. */
 export interface ValueEdit {
   type: "edit";
@@ -1201,7 +1212,7 @@ export type EditorToFrontEnd = EditDone | EditRefused | DrawShape | ProposedPart
 export type SpaceEditorToPython = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | DrawnPart | PicturesWanted | SlicesMoved | Seen;
 
 /** Any message of SpaceEditor. */
-export type SpaceEditorToFrontEnd = EditDone | EditRefused | ShowPoint | Pictures;
+export type SpaceEditorToFrontEnd = EditDone | EditRefused | ShowPoint | Pictures | Fragment;
 
 /** Any message of CurveEditor, TransferEditor, DepthKeys, GridDrawing. */
 export type CurveEditorToPython = ValueEdit;
@@ -1222,7 +1233,7 @@ export type PointsTableToPython = PointsCommand;
 export type PointsTableToFrontEnd = PointsCommandDone;
 
 /** Any message of FileTransfer. */
-export type FileTransferToFrontEnd = CopyText | Download;
+export type FileTransferToFrontEnd = CopyText | Download | Fragment;
 
 /** Any message of FileInput. */
 export type FileInputToPython = UploadBegin | UploadPiece | UploadCancel;
@@ -1246,10 +1257,10 @@ export type BoxesToPython = BoxChoice;
 export type LiveViewToPython = LiveHello | ChunkRequest | Seen | PointsFollowed | EditView | StillRequest | ToServerRenderer | Screenshot | MoviePiece | MovieFailed | Measurements | Closed;
 
 /** Any message of LiveView. */
-export type LiveViewToFrontEnd = Chunk | FieldMaps | DrawnByPython | VolumeInfo | ScreenshotRequest | MovieFrame | MovieEnd;
+export type LiveViewToFrontEnd = Chunk | FieldMaps | DrawnByPython | VolumeInfo | ScreenshotRequest | MovieFrame | MovieEnd | Fragment;
 
 /** Any message of VolumeView. */
 export type VolumeViewToPython = ServedHello | Resized | CameraMoved | EditView | SurfaceRequest | Seen | Closed;
 
 /** Any message of VolumeView. */
-export type VolumeViewToFrontEnd = FrameSent | SurfaceFound | Notice | Badge | TrameAddress;
+export type VolumeViewToFrontEnd = FrameSent | SurfaceFound | Notice | Badge | TrameAddress | Fragment;

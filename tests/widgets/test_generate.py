@@ -71,6 +71,6 @@ def test_python_sends_what_the_channels_hold() -> None:
     text = "\n".join(path.read_text(encoding="utf-8") for path in folder.rglob("*.py"))
     sent = set(re.findall(r"post\(\s*(\w+)\(", text)) | set(re.findall(r"(?:message|answer) = (\w+)\(", text))
     sent |= set(re.findall(r"isinstance\(message, (\w+)\):.*\n\s+self\.post\(message\)", text))  # to all windows
-    sent |= set(re.findall(r"return (FrameSent|SurfaceFound)\(", text))
+    sent |= set(re.findall(r"(?:return|yield) (FrameSent|SurfaceFound|Fragment)\(", text))
     assert {message.__name__ for channel in CHANNELS for message in channel.to_front_end} <= sent
     assert not re.findall(r"(?:(?<!_)send\(|post\()\{", text)  # a message without a record

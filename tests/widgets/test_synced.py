@@ -19,6 +19,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.widgets import Editor, LiveView, Player, VolumeView
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.inputs.points_table import PointsTable
+from deformnb.widgets.messages.record import FRAGMENT_BYTES
 from deformnb.widgets.synced import LocalComm, SyncedWidget
 
 MAKERS: dict[str, tuple[Callable[[], Any], str, Any]] = {  # and a trait that the page sets, with a value
@@ -127,3 +128,20 @@ def test_a_comm_without_a_kernel_gives_messages_to_its_function_and_nothing_of_i
     comm.send({"method": "custom"}, buffers=[memoryview(b"voxels")])
     comm.close(data={"state": {}})
     assert given == [({"method": "custom"}, [b"voxels"])]
+
+
+def test_a_message_that_is_too_large_for_one_is_sent_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    widget, sent = SyncedWidget(), []
+    monkeypatch.setattr(widget, "_send", lambda message, buffers=None: sent.append((message["content"], buffers)))
+    widget.send({"type": "small"}, [bytes(FRAGMENT_BYTES)])
+    first, second = bytes(range(256)) * 30_000, b"end"
+    widget.send({"type": "large"}, [first, second])
+    assert [content["type"] for content, _ in sent] == ["small", "fragment", "fragment"]
+    assert all(len(buffer) <= FRAGMENT_BYTES for _, (buffer,) in sent)
+    assert b"".join(buffer for _, (buffer,) in sent[1:]) == first + second
+    assert [content["message"] for content, _ in sent[1:]] == [None, {"type": "large"}]
+    assert [(content["index"], content["sizes"]) for content, _ in sent[1:]] == [
+        (0, [7_680_000, 3]),
+        (1, [7_680_000, 3]),
+    ]
+    widget.close()

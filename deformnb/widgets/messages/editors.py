@@ -18,6 +18,7 @@ from deformnb.widgets.messages.record import (
     Channel,
     Counted,
     Finite,
+    Fragment,
     Message,
     Place2,
     Place3,
@@ -318,5 +319,9 @@ SpaceEditorMessage: TypeAlias = (
     Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | DrawnPart | PicturesWanted | SlicesMoved | Seen
 )
 SPACE_EDITOR: Channel[SpaceEditorMessage] = Channel(
-    ("SpaceEditor",), SpaceEditorMessage, (EditDone, EditRefused, ShowPoint, Pictures), LONGEST_EDIT, WindowAddress
+    ("SpaceEditor",),
+    SpaceEditorMessage,
+    (EditDone, EditRefused, ShowPoint, Pictures, Fragment),
+    LONGEST_EDIT,
+    WindowAddress,
 )

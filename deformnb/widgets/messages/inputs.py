@@ -13,6 +13,7 @@ from deformnb.widgets.messages.record import (
     LARGEST_NUMBER,
     Buffers,
     Channel,
+    Fragment,
     Message,
     Phase,
     View,
@@ -223,7 +224,7 @@ class Download(Message, frozen=True, kw_only=True, tag="download"):
     name: Annotated[str, Meta(description="of the file")]
 
 
-TRANSFER: Channel[Any] = Channel(("FileTransfer",), None, (CopyText, Download))
+TRANSFER: Channel[Any] = Channel(("FileTransfer",), None, (CopyText, Download, Fragment))
 
 
 class UploadBegin(Message, frozen=True, kw_only=True, tag="begin"):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 from abc import ABCMeta
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Generic, Literal, TypeAlias, TypeVar, get_args
 
@@ -86,6 +86,36 @@ class Message(Struct, frozen=True, kw_only=True, tag_field="type"):
         """The JSON object that is sent, without the fields that were not set."""
         fields = {name: getattr(self, name) for name in self.__struct_fields__}
         return {"type": self.tag(), **{name: value for name, value in fields.items() if value is not UNSET}}
+
+
+FRAGMENT_BYTES = 2**22
+"""Bytes of the buffers of one message to a front end at most: servers and hosts refuse messages of 10 MB."""
+
+
+class Fragment(Message, frozen=True, kw_only=True, tag="fragment"):
+    """Part of a message whose buffers are too large for one."""
+
+    binary: ClassVar[Buffers] = Buffers("a part of all buffers, joined", 1, FRAGMENT_BYTES)
+
+    index: Annotated[int, Meta(ge=0, description="of the part; the others of its message come right after")]
+    sizes: Annotated[list[int], Meta(description="bytes of each of its buffers")]
+    message: Annotated[dict[str, Any] | None, Meta(description="the message, with its last part")] = None
+
+
+def fragments(content: dict[str, Any], buffers: Sequence[bytes]) -> Iterator[tuple[Fragment, bytes]]:
+    """Divide a message into parts with at most :data:`FRAGMENT_BYTES` of its buffers each.
+
+    Examples
+    --------
+    >>> [(part.index, part.message, len(data)) for part, data in fragments({"type": "x"}, [bytes(5_000_000), b"ab"])]
+    [(0, None, 4194304), (1, {'type': 'x'}, 805698)]
+    """
+    sizes = [len(buffer) for buffer in buffers]
+    joined = memoryview(b"".join(buffers))
+    count = -(-len(joined) // FRAGMENT_BYTES)
+    for index in range(count):
+        part = bytes(joined[index * FRAGMENT_BYTES : (index + 1) * FRAGMENT_BYTES])
+        yield Fragment(index=index, sizes=sizes, message=content if index == count - 1 else None), part
 
 
 class Seen(Message, frozen=True, kw_only=True, tag="seen"):

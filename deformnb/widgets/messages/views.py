@@ -12,6 +12,7 @@ from deformnb.widgets.messages.record import (
     Buffers,
     Channel,
     Finite,
+    Fragment,
     Message,
     Place2,
     Place3,
@@ -165,7 +166,7 @@ class TrameAddress(Message, frozen=True, kw_only=True, tag="trame"):
 
 ServedMessage: TypeAlias = ServedHello | Resized | CameraMoved | EditView | SurfaceRequest | Seen | Closed
 SERVED: Channel[ServedMessage] = Channel(
-    ("VolumeView",), ServedMessage, (FrameSent, SurfaceFound, Notice, Badge, TrameAddress)
+    ("VolumeView",), ServedMessage, (FrameSent, SurfaceFound, Notice, Badge, TrameAddress, Fragment)
 )
 
 # ---- drawn in the front end ------------------------------------------------------------------------------------------
@@ -426,5 +427,5 @@ LiveMessage: TypeAlias = (
 LIVE: Channel[LiveMessage] = Channel(
     ("LiveView",),
     LiveMessage,
-    (Chunk, FieldMaps, DrawnByPython, VolumeInfo, ScreenshotRequest, MovieFrame, MovieEnd),
+    (Chunk, FieldMaps, DrawnByPython, VolumeInfo, ScreenshotRequest, MovieFrame, MovieEnd, Fragment),
 )

@@ -448,8 +448,9 @@ class Studio(Boxes):
         panels.opening.begin()
         words.box.children = (parts.picture.ways_on, words.notice)
         if before is None:
-            super().__init__([file_input, parts.bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
-            self.add_class("dnb-studio")
+            # With the first message: anywidget ignores a class that comes after its view was made.
+            whole = {"layout": ipw.Layout(width="100%", max_width="1600px"), "_dom_classes": ("dnb-studio",)}
+            super().__init__([file_input, parts.bar, *rows], **whole)
         else:
             (_, *shown), self.children = self.children, (file_input, parts.bar, *rows)
             close_all(*shown)

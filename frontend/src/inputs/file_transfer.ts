@@ -1,6 +1,7 @@
 // A text for the clipboard or a file for the downloads, from Python; reports the result.
 
 import type { FileTransferToFrontEnd } from "../generated.ts";
+import { joinFragments } from "../sync/buffers.ts";
 import type { Model } from "../types.ts";
 
 import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
@@ -20,7 +21,7 @@ function render({ model, el }: { model: Model; el: HTMLElement }) {
   const attributes = { readonly: "", hidden: "", "aria-label": "text to copy", spellcheck: "false", ...OWN_KEYS };
   const area = pageElement("textarea", "dnb-file-transfer-text", root, attributes);
 
-  const receive = async (content: FileTransferToFrontEnd, buffers: DataView<ArrayBuffer>[]) => {
+  const receive = joinFragments(async (content: FileTransferToFrontEnd, buffers: DataView<ArrayBuffer>[]) => {
     if (content.type === "copy") {
       const isCopied = await copyText(content.text);
       const lines = content.text.trimEnd().split("\n").length;
@@ -38,7 +39,7 @@ function render({ model, el }: { model: Model; el: HTMLElement }) {
       saveFile(new Blob([buffers[0]!]), content.name);
       line.textContent = `Downloaded ${content.name}.`;
     }
-  };
+  });
   // Two views of one widget must not save a file twice.
   const uid = model.get("uid");
   const firstShown = () =>

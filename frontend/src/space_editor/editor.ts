@@ -9,6 +9,7 @@ import { OVERLAYS } from "../editor/overlays.ts";
 import { offerTools } from "../editor/view_tools.ts";
 import type { Pictures, SlicesMoved, SpaceEditorToFrontEnd } from "../generated.ts";
 import { SampledDets } from "../maths/sampled_dets.ts";
+import { bytesOf, joinFragments } from "../sync/buffers.ts";
 import { busOf } from "../sync/bus.ts";
 import { type Change, setTrait } from "../sync/edits.ts";
 import type { Model, ModelHandler, PointsDetail } from "../types.ts";
@@ -16,6 +17,7 @@ import { beforeActionOutside, OWN_KEYS, pageElement } from "../ui/dom.ts";
 import { HelpPanel, SPACE_EDITOR_KEYS, tipOf } from "../ui/keys.ts";
 import type { ToolEntry } from "../ui/toolbar.ts";
 import { Toolbar } from "../ui/toolbar.ts";
+import type { Bytes } from "../view/types.ts";
 import { SpaceCommands } from "./commands.ts";
 import { SliceCursor } from "./cursor.ts";
 import { SpaceEdits } from "./edits.ts";
@@ -202,7 +204,10 @@ export class SpaceEditorView extends EditorDrawing {
       model.on(name, guarded);
       this.#ends.push(() => model.off(name, guarded));
     };
-    on("msg:custom", (message, buffers) => this.message(message, buffers ?? []));
+    on(
+      "msg:custom",
+      joinFragments((message, buffers) => this.message(message, buffers)),
+    );
     on("change:selected", () => {
       if (!points.selection.isAhead) points.select(model.get("selected"), false);
     });
@@ -354,21 +359,16 @@ export class SpaceEditorView extends EditorDrawing {
 
   // ---- data from Python ---------------------------------------------------------------------------------------------
 
-  message(message: SpaceEditorToFrontEnd, buffers: (DataView | ArrayBuffer)[]) {
+  message(message: SpaceEditorToFrontEnd, buffers: Bytes[]) {
     if (message.type === "error") this.messages.show(message.message, true);
     if (message.type === "look") this.lookAt(message.id);
     if (message.type === "pictures" && (!message.view || message.view === this.parts.edits.id))
       this.receivePictures(message, buffers);
   }
 
-  receivePictures(
-    { seq, panes, facts }: Pick<Pictures, "seq" | "panes" | "facts">,
-    buffers: (DataView | ArrayBuffer)[],
-  ) {
+  receivePictures({ seq, panes, facts }: Pick<Pictures, "seq" | "panes" | "facts">, buffers: Bytes[]) {
     const { requests, row, status } = this.parts;
-    const bytes = buffers
-      .map((b) => (b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b)))
-      .values();
+    const bytes = buffers.map(bytesOf).values();
     const next = () => bytes.next().value!;
     for (const pane of panes) {
       const pixels = next(),

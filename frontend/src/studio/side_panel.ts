@@ -4,6 +4,7 @@
 // All clients of a studio share the state of tabs and sections. So the stored state is applied only to those still as
 // the studio was made (class dnb-section-open): a second client changes nothing for the first.
 // It is stored in a cookie, for an application has another port at each start, and local storage belongs to a port.
+// Frames with an origin that nothing shares have no cookies: their panels begin as the studio was made.
 
 import { buttonElement, iconElement, OWN_KEYS, pageElement, setAttributes } from "../ui/dom.ts";
 
@@ -19,8 +20,16 @@ const STEP = 16,
 
 export type Remembered = { width?: number; folded?: boolean; tab?: string; open?: Record<string, boolean> };
 
+function cookies() {
+  try {
+    return document.cookie;
+  } catch {
+    return null;
+  }
+}
+
 function storedLayout(): Remembered {
-  const found = document.cookie
+  const found = (cookies() ?? "")
     .split("; ")
     .find((part) => part.startsWith(`${COOKIE}=`))
     ?.slice(COOKIE.length + 1);
@@ -32,6 +41,7 @@ function storedLayout(): Remembered {
 }
 
 function remember(changes: Remembered) {
+  if (cookies() === null) return;
   const before = storedLayout(),
     value = JSON.stringify({ ...before, ...changes });
   // biome-ignore lint/suspicious/noDocumentCookie: not every browser has the Cookie Store API

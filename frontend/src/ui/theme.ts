@@ -5,15 +5,19 @@ import { pageElement } from "./dom.ts";
 const DARK_BELOW = 110; // luminance of the background, of 255
 
 /**
- * Finds whether an element has a dark background, and calls `changed` when its host changes the theme.
+ * Finds whether an element has a dark background, and calls `changed` when its host changes the theme, and when the
+ * element is shown first: it has no colours before it is in the document.
  */
 export class ThemeObserver {
   preference: MediaQueryList;
   observer: MutationObserver;
+  shown: ResizeObserver;
 
+  /** @param box the element, or a parent of one that is hidden */
   constructor(
     readonly element: Element,
     readonly changed: () => void,
+    box = element,
   ) {
     this.preference = window.matchMedia("(prefers-color-scheme: dark)");
     this.preference.addEventListener("change", changed);
@@ -22,6 +26,12 @@ export class ThemeObserver {
       attributes: true,
       attributeFilter: ["class", "data-jp-theme-light", "data-jp-theme-name", "data-vscode-theme-kind"],
     });
+    this.shown = new ResizeObserver(() => {
+      if (!element.isConnected) return;
+      this.shown.disconnect();
+      changed();
+    });
+    this.shown.observe(box);
   }
 
   /** By the element's own colour, which variables of Jupyter and VS Code set; else by the browser's preference. */
@@ -35,6 +45,7 @@ export class ThemeObserver {
   close() {
     this.preference.removeEventListener("change", this.changed);
     this.observer.disconnect();
+    this.shown.disconnect();
   }
 }
 
@@ -43,7 +54,7 @@ export class Theme {
   observer: ThemeObserver;
 
   constructor(root: Element, changed: () => void) {
-    this.observer = new ThemeObserver(pageElement("span", "dnb-paper", root, { hidden: "" }), changed);
+    this.observer = new ThemeObserver(pageElement("span", "dnb-paper", root, { hidden: "" }), changed, root);
   }
 
   get name(): "dark" | "light" {

@@ -6,6 +6,7 @@ import { CUT_MARGIN, CUT_STEPS, MOST_REGIONS } from "../generated.ts";
 import { layeredFit, layersOnRaster } from "../maths/cuts.ts";
 import { pointsKey } from "../maths/points.ts";
 import { RbfError, rbfKernelOf } from "../maths/rbf.ts";
+import { bytesOf, floatsOf } from "../sync/buffers.ts";
 import { FIT_TRAITS, FollowedModel, pointsOf, settingsOf } from "../sync/bus.ts";
 import type {
   Bus,
@@ -22,7 +23,6 @@ import type {
 import { bitsOf } from "../webgl/region_bits.ts";
 import type { PlanarField, PlaneCut } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
-import { bytesOf, floatsOf } from "./volume_loader.ts";
 
 /** Distances to the cuts received last */
 export type KnownCuts = { id?: string; distances?: Float32Array };

@@ -4,6 +4,7 @@
 
 import type { FieldMaps, LiveViewToFrontEnd, ScreenshotRequest } from "../generated.ts";
 import { clipOf, isClipped } from "../maths/clipping.ts";
+import { floatsOf, joinFragments } from "../sync/buffers.ts";
 import type { Model, Vector2 } from "../types.ts";
 import type { SavedPicture } from "../ui/saved_picture.ts";
 import { closerOf, picturesOf, remarksOn, renderStats } from "../ui/view_parts.ts";
@@ -17,7 +18,6 @@ import { FrameLoop } from "./render_loop.ts";
 import { StillPicture } from "./server_view.ts";
 import { snapshot } from "./snapshot.ts";
 import type { Bytes, VolumeInfo } from "./types.ts";
-import { floatsOf } from "./volume_loader.ts";
 import { LiveVoxels } from "./voxels.ts";
 
 /** Settings of the ray caster by the names of their traits. */
@@ -225,7 +225,10 @@ export class LiveVolumeView extends VolumeFrontEnd {
   // -- messages and traits -------------------------------------------------------------------------------------------
 
   #listen() {
-    this.messages.on("msg:custom", (content, buffers) => this.receive(content, buffers || []));
+    this.messages.on(
+      "msg:custom",
+      joinFragments((content, buffers) => this.receive(content, buffers)),
+    );
     this.messages.on("change:volume_info", () => this.setInfo());
     this.messages.on("change:table", () => this.setTable());
     this.messages.on("change:camera", () => this.readCamera());
@@ -305,7 +308,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
   }
 
   async picture(wanted: SavedPicture): Promise<Blob | null> {
-    if (this.still) return this.still.image.src ? (await fetch(this.still.image.src)).blob() : null;
+    if (this.still) return this.still.png;
     const { caster, elements, loop } = this;
     return loop && caster?.isReady ? snapshot({ caster, elements, loop }, wanted) : null;
   }

@@ -5,6 +5,7 @@
 import type { MovieFrame } from "../generated.ts";
 import { MOVIE_PIECE } from "../generated.ts";
 import { type Clip, isClipped } from "../maths/clipping.ts";
+import { floatsOf } from "../sync/buffers.ts";
 import type { Model, Values, Vector2 } from "../types.ts";
 import { picturesOf, type Shows } from "../ui/view_parts.ts";
 import { type Background, RayCaster } from "../webgl/raycaster.ts";
@@ -13,7 +14,6 @@ import { FrameLoop } from "./render_loop.ts";
 import type { Bytes, Field, VolumeInfo, VolumeViewLike } from "./types.ts";
 import { ViewCamera } from "./view_camera.ts";
 import type { ViewMessages } from "./view_elements.ts";
-import { floatsOf } from "./volume_loader.ts";
 import { volumeData } from "./voxels.ts";
 
 /** The live view whose volume and colours are drawn */

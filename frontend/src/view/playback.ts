@@ -4,11 +4,11 @@
 // here, once for a picture instead of once for every sample of every ray. Nothing is sent to Python.
 
 import type { FieldMaps, FramesData } from "../generated.ts";
+import { floatsOf } from "../sync/buffers.ts";
 import { FollowedModel } from "../sync/bus.ts";
 import type { Bus, Model, TimeDetail } from "../types.ts";
 import type { PlanarField } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
-import { floatsOf } from "./volume_loader.ts";
 
 /** Maps of all moments */
 export type Moments = { count: number; duration: number; maps: Float32Array; planar: PlanarField };

@@ -4,6 +4,7 @@
 
 import type { FrameSent, ToServerRenderer, TrameAddress, VolumeViewToFrontEnd } from "../generated.ts";
 import { COMPARISONS, LARGEST_SIDE } from "../generated.ts";
+import { bytesOf, joinFragments } from "../sync/buffers.ts";
 import type { Model, ModelHandler, Vector2 } from "../types.ts";
 import { pageElement } from "../ui/dom.ts";
 import { pngOf, type SavedPicture, savedCanvas } from "../ui/saved_picture.ts";
@@ -12,7 +13,6 @@ import { VolumeFrontEnd } from "./front_end.ts";
 import { addScale } from "./snapshot.ts";
 import type { Bytes, VolumeInfo } from "./types.ts";
 import type { ViewElements, ViewMessages } from "./view_elements.ts";
-import { bytesOf } from "./volume_loader.ts";
 
 const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of those before it
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
@@ -49,7 +49,10 @@ export class ServerVolumeView extends VolumeFrontEnd {
 
   #listen() {
     const { messages } = this;
-    messages.on("msg:custom", (content, buffers) => this.receive(content, buffers || []));
+    messages.on(
+      "msg:custom",
+      joinFragments((content, buffers) => this.receive(content, buffers)),
+    );
     messages.on("change:volume_info", () => this.readInfo());
     messages.on("change:camera", () => this.readCamera());
     messages.on("change:shows", () => this.takeShows());
@@ -250,6 +253,7 @@ export class StillPicture {
   after: (() => void) | null = null; // called when a picture is shown
   info: VolumeInfo | null = null;
   image: HTMLImageElement;
+  png: Blob | null = null; // the picture itself: a page may forbid to fetch it from its address
 
   constructor(
     readonly view: UndrawnView,
@@ -275,7 +279,8 @@ export class StillPicture {
 
   receive(png: Bytes) {
     URL.revokeObjectURL(this.image.src);
-    this.image.src = URL.createObjectURL(new Blob([bytesOf(png)], { type: "image/png" }));
+    this.png = new Blob([bytesOf(png)], { type: "image/png" });
+    this.image.src = URL.createObjectURL(this.png);
     this.#runCallback();
   }
 

@@ -1,21 +1,13 @@
 // Loading of the voxels from Python: packed pieces are requested, unpack and put together.
 
 import type { Chunk } from "../generated.ts";
+import { bytesOf } from "../sync/buffers.ts";
 import type { Vector3 } from "../types.ts";
 import type { Bytes } from "./types.ts";
 
 const IN_FLIGHT = 2; // pieces in flight: the second hides the round trip of the first
 const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which those in flight are taken for lost
 const LOADER_TRIES = 3; // each waits twice as long as the one before
-
-export function bytesOf(b: Bytes) {
-  return b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b);
-}
-
-/** A copy as floats: the buffer of a message may start at an odd place, which a Float32Array refuses. */
-export function floatsOf(b: Bytes) {
-  return new Float32Array(bytesOf(b).slice().buffer);
-}
 
 async function unpack(bytes: Uint8Array<ArrayBuffer>) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
