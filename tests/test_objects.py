@@ -9,7 +9,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,8 @@ POINTS = dn.ControlPoints.from_arrays(
 )
 MARKS = Landmarks([[0, 0, 0], [1, 2, 3]], ("tail", EVIL), fixed=[[0, 0, 1], [np.nan] * 3], unit="mm")
 DEFORMATION = dn.Deformation((dn.Step((POINTS,), PLANE, name=EVIL, trend="translation"),), name=EVIL)
+CHANNELS = dn.volume.Channels((dn.Volume(VOLUME.values, GRID, "a"), dn.Volume(VOLUME.values, GRID, "b")), name=EVIL)
+MESH = dn.warping.Mesh([[0, 0, 0], [1, 0, 0], [0, 2, 0]], [[0, 1, 2]], EVIL, unit="mm")
 FIT = dn.fit_rbf(POINTS, trend="translation", support=20.0)
 
 
@@ -125,8 +127,8 @@ TABLE = {
         [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]],
         2,
         ["[0. 0. 0.]", "[1. 2. 3.]"],
-        False,
         True,
+        False,
     ),
     "Deformation": Row(
         lambda: DEFORMATION,
@@ -136,11 +138,38 @@ TABLE = {
         f"<tr><td>1</td><td>{SAFE}</td><td>3 on a picture</td><td>1</td><td>wendland_c2, translation trend</td>"
         "<td>replicate</td><td></td><td></td><td></td></tr></table></div>",
         None,
-        OBJECT,
-        NO_LENGTH.format("Deformation"),
-        NOT_ITERABLE.format("Deformation"),
+        [DEFORMATION.steps[0]],
+        1,
+        [str(DEFORMATION.steps[0])],
         True,
         False,
+    ),
+    "Channels": Row(
+        lambda: CHANNELS,
+        "<Channels: a, b; 3 x 2 x 2 voxels (x, y, z), uint8>",
+        f"<div><b>Channels</b> {SAFE}<br><img><table><tr><th>channels</th><td>a, b</td></tr>"
+        "<tr><th>shape (z, y, x)</th><td>2 x 2 x 3</td></tr><tr><th>voxels</th><td>uint8</td></tr>"
+        "<tr><th>spacing (x, y, z)</th><td>1 x 1 x 2.5 mm</td></tr>"
+        "<tr><th>origin (x, y, z)</th><td>10, 0, 0 mm</td></tr><tr><th>axes</th><td>LPS</td></tr></table></div>",
+        None,
+        [VOLUME.values.tolist()] * 2,
+        2,
+        [repr(one) for one in CHANNELS.volumes],
+        False,
+        True,
+    ),
+    "Mesh": Row(
+        lambda: MESH,
+        f"<Mesh '{EVIL}': 3 corners, 1 triangles>",
+        f"<div><b>Mesh</b> {SAFE}<table><tr><th>corners</th><td>3</td></tr><tr><th>triangles</th><td>1</td></tr>"
+        "<tr><th>from (x, y, z)</th><td>0, 0, 0 mm</td></tr><tr><th>to (x, y, z)</th><td>1, 2, 0 mm</td></tr>"
+        "<tr><th>closed</th><td>no</td></tr></table></div>",
+        None,
+        OBJECT,
+        NO_LENGTH.format("Mesh"),
+        NOT_ITERABLE.format("Mesh"),
+        False,
+        True,
     ),
     "Session": Row(
         session,
@@ -253,3 +282,45 @@ def test_objects_are_shown_without_jax_and_matplotlib() -> None:
     code = "\n".join(line[8:] for line in code.splitlines())
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8", check=False)
     assert (run.returncode, run.stdout.strip()) == (0, "[]"), run.stderr
+
+
+def test_functions_of_numpy_that_move_no_voxels_keep_the_grid() -> None:
+    volume = dn.Volume(np.arange(8, dtype=np.int16).reshape(2, 2, 2), dn.Grid((2, 2, 2), (1.0, 2.0, 3.0)), "a")
+    kept = {
+        "clip": np.clip(volume, 2, 5),
+        "round": np.round(volume, -1),
+        "where": np.where(volume > 3, volume, 0),
+        "nan_to_num": np.nan_to_num(volume),
+        "isin": np.isin(volume, [1, 2]),
+        "isclose": np.isclose(volume, 3),
+        "zeros_like": np.zeros_like(volume),
+        "full_like": np.full_like(volume, 7),
+    }
+    for name, found in kept.items():
+        assert isinstance(found, dn.Volume), name
+        assert found.grid == volume.grid, name
+    assert kept["clip"].values.ravel().tolist() == [2, 2, 2, 3, 4, 5, 5, 5]
+    assert kept["where"].values.ravel().tolist() == [0, 0, 0, 0, 4, 5, 6, 7]
+    assert kept["full_like"].values.ravel().tolist() == [7] * 8
+    for moved in (np.flip(volume), np.roll(volume, 1), np.sort(volume), np.rot90(volume), np.cumsum(volume, axis=0)):
+        assert type(moved) is np.ndarray
+    assert np.stack([volume, volume]).shape == (2, 2, 2, 2)
+    assert (np.mean(volume), np.max(volume), np.where(volume > 6)[0].tolist()) == (3.5, 7, [1])
+    other = dn.Volume(volume.values, dn.Grid((2, 2, 2)))
+    with pytest.raises(dn.errors.DeformError, match="on different grids"):
+        np.where(volume > 3, volume, other)
+    with pytest.raises(dn.errors.DeformError, match="never changed in place"):
+        np.clip(volume, 0, 1, out=volume)
+    with pytest.raises(dn.errors.DeformError, match="no parts by name, got 'head'"):
+        volume["head"]
+
+
+def test_the_steps_of_a_deformation_are_its_items() -> None:
+    step = DEFORMATION[0]
+    two = dn.Deformation((replace(step, name="bend"), replace(step, name="twist")))
+    assert [step.name for step in two] == ["bend", "twist"]
+    assert (len(two), two["bend"].name, two[-1].name) == (2, "bend", "twist")
+    assert bool(dn.Deformation()) is True
+    for wrong in (2, "fold", 1.0, True, slice(1)):
+        with pytest.raises(dn.errors.DeformError, match=r"steps are named|a step is taken by"):
+            two[wrong]  # type: ignore[index]

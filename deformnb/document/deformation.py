@@ -10,7 +10,7 @@ It also holds the easing of an animation: the course of time between two key fra
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
@@ -494,6 +494,8 @@ MODES: dict[str, Callable[..., AbstractField]] = {"compose": compose, "blend": b
 class Deformation(AbstractCellOutput):
     """An immutable list of steps, applied first to last; called with a volume or with points it deforms them.
 
+    ``deformation["bend"]`` and ``deformation[0]`` are a step by its name or position, and ``len`` is their number.
+
     Parameters
     ----------
     steps : the steps in the order in which they are done.
@@ -527,6 +529,42 @@ class Deformation(AbstractCellOutput):
     loop: LoopName = "once"
     output: Grid | None = None
     unit: str = ""
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    def __bool__(self) -> bool:
+        return True  # also without steps, as the identity
+
+    def __iter__(self) -> Iterator[Step]:
+        return iter(self.steps)
+
+    def __getitem__(self, key: int | str) -> Step:
+        """A step, by its position or by its name.
+
+        Raises
+        ------
+        DeformError
+            If there is none, or several have that name.
+
+        Examples
+        --------
+        >>> points = (ControlPoints.from_arrays([[1, 1, 1]], [[1, 1, 2]]),)
+        >>> Deformation((Step(points, name="bend"), Step(points, name="twist")))["twist"].name
+        'twist'
+        """
+        if isinstance(key, str):
+            named = [step for step in self.steps if step.name == key]
+            if len(named) == 1:
+                return named[0]
+            names = ", ".join(repr(step.name) for step in self.steps[:8])
+            raise DeformError(f"{len(named)} of the steps are named {short_value(key)}; they are {names or 'none'}.")
+        if isinstance(key, bool) or not isinstance(key, int) or not -len(self.steps) <= key < len(self.steps):
+            raise DeformError(
+                f"a step is taken by its position, counted from 0, or by its name, and this deformation has "
+                f"{len(self.steps)}; got {short_value(key)}."
+            )
+        return self.steps[key]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "steps", _check_steps(self.steps, "a deformation"))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import singledispatch
 from typing import Any
 
@@ -17,13 +17,15 @@ import numpy as np
 
 from deformnb._typing import Image
 from deformnb.document.deformation import Deformation
-from deformnb.imaging.projection import ProjectionName, project
+from deformnb.imaging.projection import ProjectionName, project, project_channels
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.named_points import AXIS_NAMES
 from deformnb.rbf.points import ControlPoints
+from deformnb.volume.channels import Channels
 from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.views import AXIS_SIDES, ViewName
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.mesh import Mesh
 from deformnb.warping.points import Landmarks
 
 _PICTURE_SIZE = 480  # pixels of the longer side of a picture in a cell
@@ -113,21 +115,51 @@ def title_html(kind: str, name: str) -> str:
 @as_html.register
 def _volume_html(volume: Volume) -> str:
     """Three slices through the middle, and what a volume is."""
-    grid, (low, high) = volume.grid, volume.value_range
-    slices = [project(volume, view, "slice") for view in _VIEWS_OF_SLICES]
+    low, high = volume.value_range
+    voxels = f"{volume.dtype.name}{', labels' if volume.is_labels else ''}, {low:.6g} to {high:.6g}"
+    facts = {**_grid_facts(volume.grid, voxels), "notes": "; ".join(volume.notes)}
+    return f"<div>{title_html('Volume', volume.name)}<br>{_slices_html(volume, project)}{_facts(facts)}</div>"
+
+
+@as_html.register
+def _channels_html(channels: Channels) -> str:
+    """Three slices in the colours of the channels, and what they are."""
+    facts = {"channels": ", ".join(channels.names), **_grid_facts(channels.grid, channels.volumes[0].dtype.name)}
+    image = _slices_html(channels, project_channels)
+    return f"<div>{title_html('Channels', channels.name)}<br>{image}{_facts(facts)}</div>"
+
+
+def _slices_html(subject: Any, project_one: Callable[..., Picture]) -> str:
+    slices = [project_one(subject, view, "slice") for view in _VIEWS_OF_SLICES]
     scale = _SLICE_SIZE / max(map(_longest_side, slices))
     row = _join_pictures([_sized(picture, scale) for picture in slices])
-    image = image_html(row, "slices " + ", ".join(AXIS_SIDES[view] for view in _VIEWS_OF_SLICES))
+    return image_html(row, "slices " + ", ".join(AXIS_SIDES[view] for view in _VIEWS_OF_SLICES))
+
+
+def _grid_facts(grid: Grid, voxels: str) -> dict[str, str]:
     unit = grid.unit and f" {grid.unit}"
-    facts = {
-        "shape (z, y, x)": " x ".join(map(str, volume.shape)),
-        "voxels": f"{volume.dtype.name}{', labels' if volume.is_labels else ''}, {low:.6g} to {high:.6g}",
+    return {
+        "shape (z, y, x)": " x ".join(map(str, grid.shape)),
+        "voxels": voxels,
         "spacing (x, y, z)": " x ".join(f"{s:.6g}" for s in grid.spacing) + unit,
         "origin (x, y, z)": ", ".join(f"{s:.6g}" for s in grid.origin) + unit,
         "axes": grid.orientation if grid.is_anatomical else "",
-        "notes": "; ".join(volume.notes),
     }
-    return f"<div>{title_html('Volume', volume.name)}<br>{image}{_facts(facts)}</div>"
+
+
+@as_html.register
+def _mesh_html(mesh: Mesh) -> str:
+    unit = mesh.unit and f" {mesh.unit}"
+    low, high = (_place(end) + unit for end in mesh.box)
+    facts = {
+        "corners": str(len(mesh.points)),
+        "triangles": str(len(mesh.faces)),
+        "from (x, y, z)": low,
+        "to (x, y, z)": high,
+        "closed": "yes" if mesh.is_closed else "no",
+        "notes": "; ".join(mesh.notes),
+    }
+    return f"<div>{title_html('Mesh', mesh.name)}{_facts(facts)}</div>"
 
 
 def _place(coordinates: Iterable[float]) -> str:

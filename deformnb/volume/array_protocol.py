@@ -94,6 +94,37 @@ def _written(part: slice) -> str:
     return f"{start}:{stop}" + ("" if part.step is None else f":{part.step}")
 
 
+_ELEMENTWISE = frozenset({np.clip, np.isclose, np.isin, np.nan_to_num, np.real_if_close, np.round, np.sinc, np.where})
+_LIKE = frozenset({np.empty_like, np.full_like, np.ones_like, np.zeros_like})
+
+KEEPS_PLACE = _ELEMENTWISE | _LIKE
+"""Functions of NumPy, other than universal ones, whose result has a value for each voxel, in its place. Others may move
+voxels (``np.flip``, ``np.roll``, ``np.sort``) even where the shape stays; their results are arrays."""
+
+
+def with_values(given: Any) -> Any:
+    """The same arguments with the values of volumes and pictures in their place, in lists and dictionaries too.
+
+    Examples
+    --------
+    >>> with_values([1, {"a": "b"}])
+    [1, {'a': 'b'}]
+    """
+    if isinstance(given, AbstractValues):
+        return given.values
+    if isinstance(given, dict):
+        return {name: with_values(one) for name, one in given.items()}
+    return type(given)(with_values(one) for one in given) if type(given) in (list, tuple) else given
+
+
+def volumes_in(given: Any) -> list[AbstractValues]:
+    """The volumes and pictures among arguments, in their order."""
+    if isinstance(given, AbstractValues):
+        return [given]
+    parts = given.values() if isinstance(given, dict) else given if isinstance(given, list | tuple) else ()
+    return [found for one in parts for found in volumes_in(one)]
+
+
 def call_on_values(ufunc: np.ufunc, method: str, inputs: Sequence[Any], options: dict[str, Any]) -> Any:
     """Result of a universal function of NumPy, with the values of volumes and pictures in their place.
 

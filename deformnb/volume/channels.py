@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._entrances import CONVERSIONS
+from deformnb._entrances import CONVERSIONS, AbstractCellOutput
 from deformnb._typing import Float3
 from deformnb.checks import check_fields, check_window, finite_array, short_value
 from deformnb.errors import DeformError
@@ -89,7 +89,7 @@ class ChannelDisplay:
 
 
 @dataclass(frozen=True, eq=False)
-class Channels:
+class Channels(AbstractCellOutput):
     """Volumes on one grid, with colours in which they are shown added up.
 
     Parameters

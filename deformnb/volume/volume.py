@@ -35,7 +35,14 @@ from deformnb.checks import (
     short_value,
 )
 from deformnb.errors import DeformError, FileChangedError
-from deformnb.volume.array_protocol import AbstractValues, call_on_values, full_slices
+from deformnb.volume.array_protocol import (
+    KEEPS_PLACE,
+    AbstractValues,
+    call_on_values,
+    full_slices,
+    volumes_in,
+    with_values,
+)
 from deformnb.volume.units import check_unit, find_unit, ratio
 from deformnb.volume.views import ViewName
 
@@ -877,6 +884,8 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
             return self.values[key.values]
         slices = full_slices(key, self.shape)
         if slices is None:
+            if isinstance(key, str):
+                raise DeformError(f"a volume has voxels by number and no parts by name, got {short_value(key)}.")
             return self.values[key]
         values, steps = self.values[slices], [part.step for part in reversed(slices)]
         grid = replace(
@@ -928,6 +937,18 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
             return found
         results = tuple(_volume_on_grid(array, volumes or [self]) for array in (found if ufunc.nout > 1 else (found,)))
         return results if ufunc.nout > 1 else results[0]
+
+    def __array_function__(self, func: Callable[..., Any], types: Any, args: Any, options: Any) -> Any:
+        """NumPy's other functions: ``np.clip(volume, 0, 255)`` is a volume; what may move voxels leaves an array."""
+        volumes = [one for one in volumes_in([*args, *options.values()]) if isinstance(one, Volume)]
+        if func in KEEPS_PLACE:
+            for other in volumes[1:]:
+                _check_same_places(volumes[0].grid, other.grid)
+        if any(isinstance(out, AbstractValues) for out in volumes_in(options.get("out"))):
+            raise DeformError("a volume is never changed in place: make another one.")
+        found = func(*with_values(args), **with_values(options))
+        keeps = func in KEEPS_PLACE and "out" not in options and np.shape(found) == volumes[0].shape
+        return _volume_on_grid(found, volumes) if keeps else found
 
     __eq__ = _comparison(np.equal)
     __ne__ = _comparison(np.not_equal)

@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._entrances import READERS
+from deformnb._entrances import READERS, AbstractCellOutput
 from deformnb._typing import Progress
 from deformnb.checks import any_array, check_fields, optional_package, short_value
 from deformnb.errors import DeformError
@@ -28,7 +28,7 @@ _MOST_VOXELS = 4096  # along an edge of the grid of signed_distance
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(AbstractCellOutput):
     """A surface of triangles.
 
     Parameters

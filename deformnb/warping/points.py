@@ -302,6 +302,12 @@ def _solve_from_seeds(
     return y, error
 
 
+def _is_same_array(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+
+
 @dataclass(frozen=True, eq=False)
 class Landmarks(AbstractNamedPoints[NDArray[np.float64]], AbstractCellOutput):
     """Places in space, or on a picture, with names.
@@ -358,6 +364,15 @@ class Landmarks(AbstractNamedPoints[NDArray[np.float64]], AbstractCellOutput):
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Landmarks):
+            return NotImplemented
+        same = (self.names, self.notes, self.unit) == (other.names, other.notes, other.unit)
+        arrays = ((getattr(one, name) for one in (self, other)) for name in ("points", "fixed", "active", "found"))
+        return same and all(_is_same_array(*pair) for pair in arrays)
+
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         named = [name[:20] for name in self.names if name]
