@@ -4,7 +4,8 @@ A name such as ``jnp`` of this package is a proxy of the module and imports it w
 any thread; no other module of the package imports JAX or scipy. Public names of packages are deferred by
 ``lazy_loader``; its lazy modules would not do here, for they are in :data:`sys.modules` before they are loaded, where
 scipy checks whether JAX is in use. What has to be done as soon as JAX is there, such as the registration of pytrees, is
-done by the import itself, whichever module imports JAX.
+done by the import itself, whichever module imports JAX. Where JAX is not installed, :mod:`deformnb._without_jax` takes
+its place.
 """
 
 from __future__ import annotations
@@ -19,7 +20,18 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-__all__ = ["Deferred", "call_after_jax", "is_jax_imported", "jax", "ndimage", "scipy"]
+__all__ = ["HAS_JAX", "Deferred", "call_after_jax", "deferred_jax", "is_jax_imported", "jax", "ndimage", "scipy"]
+
+
+def _is_installed(name: str) -> bool:
+    try:
+        return importlib.util.find_spec(name) is not None
+    except (ImportError, ValueError):  # refused by a finder; a module that is set to None
+        return False
+
+
+HAS_JAX = _is_installed("jax") and _is_installed("jaxlib")
+"""JAX is installed; else NumPy computes by the same formulas, and what JAX alone can do is refused by name."""
 
 
 class Deferred:
@@ -28,6 +40,7 @@ class Deferred:
     Parameters
     ----------
     name : of the module.
+    load : returns what stands in its place; default imports it.
 
     Examples
     --------
@@ -36,15 +49,26 @@ class Deferred:
     Decimal('1.1')
     """
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    def __init__(self, name: str, load: Callable[[str], Any] = importlib.import_module) -> None:
+        self._name, self._load = name, load
 
     def __getattr__(self, attribute: str) -> Any:
         # Not cached: importlib finds a loaded module in a third of a microsecond, and tests may replace its attributes.
-        return getattr(importlib.import_module(self._name), attribute)
+        return getattr(self._load(self._name), attribute)
 
     def __repr__(self) -> str:
         return f"<deferred module {self._name!r}>"
+
+
+def deferred_jax(name: str) -> Any:
+    """A module of JAX, or what stands in its place where it is not installed."""
+
+    def load(name: str) -> Any:
+        from deformnb import _without_jax
+
+        return _without_jax.FORMS[name]
+
+    return Deferred(name) if HAS_JAX else Deferred(name, load)
 
 
 class _AfterImport(MetaPathFinder):
@@ -97,13 +121,16 @@ else:
 
 
 def call_after_jax(function: Callable[[], object]) -> None:
-    """Call a function once JAX has been imported, by any thread; immediately if it has."""
-    _JAX.add(function)
+    """Call a function once JAX has been imported, by any thread; immediately if it has, and where there is none."""
+    if HAS_JAX:
+        _JAX.add(function)
+    else:
+        function()
 
 
 def is_jax_imported() -> bool:
     """Check whether JAX has been imported; where it has not, work that NumPy can do is done by NumPy."""
-    return "jax" in sys.modules
+    return HAS_JAX and "jax" in sys.modules
 
 
 if TYPE_CHECKING:
@@ -111,5 +138,5 @@ if TYPE_CHECKING:
     import scipy
     from scipy import ndimage
 else:
-    jax = Deferred("jax")
+    jax = deferred_jax("jax")
     scipy, ndimage = Deferred("scipy"), Deferred("scipy.ndimage")  # scipy itself imports its parts at their first use

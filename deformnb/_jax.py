@@ -3,6 +3,9 @@
 Modules take ``jax``, ``jnp`` and ``lax`` from here, which import JAX when something is first computed: half a second
 that a notebook's first picture need not wait for. :func:`pytree` registers a dataclass, now or once JAX is there.
 
+Where JAX is not installed, the three are those of :mod:`deformnb._without_jax`, and :func:`jit` leaves a function as it
+is: the same formulas are then computed by NumPy. Whatever needs to know asks :data:`HAS_JAX`.
+
 The global ``jax_enable_x64`` flag is never touched. The cache folder is set once, at the first compiled call, and
 only where the user has not set one; ``DEFORMNB_COMPILATION_CACHE=off`` leaves JAX alone altogether.
 
@@ -26,17 +29,18 @@ import platformdirs
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._deferred import Deferred, call_after_jax, is_jax_imported, jax
+from deformnb._deferred import HAS_JAX, call_after_jax, deferred_jax, is_jax_imported, jax
 from deformnb.errors import Cancelled, DeformError
 
 if TYPE_CHECKING:
     import jax.numpy as jnp
     from jax import lax
 else:
-    jnp, lax = Deferred("jax.numpy"), Deferred("jax.lax")
+    jnp, lax = deferred_jax("jax.numpy"), deferred_jax("jax.lax")
 
 __all__ = [
     "ENDING",
+    "HAS_JAX",
     "adjugate",
     "as_numpy",
     "blockwise",
@@ -56,6 +60,7 @@ __all__ = [
     "pytree",
     "pytree_node",
     "use_disk_cache",
+    "value_and_slopes",
     "with_derivative",
 ]
 
@@ -117,7 +122,7 @@ def full_precision(function: Callable[..., Any]) -> Callable[..., Any]:
         with jax.default_matmul_precision("highest"):
             return function(*args, **kwargs)
 
-    return call
+    return call if HAS_JAX else function
 
 
 def is_traced(*trees: Any) -> bool:
@@ -253,6 +258,8 @@ def check_process() -> None:
     """
     if ENDING.is_set() and threading.current_thread() is not threading.main_thread():
         raise Cancelled("the process ends.")
+    if not HAS_JAX:
+        return
     _watch_forks()
     if _is_forked:
         raise DeformError(
@@ -293,11 +300,30 @@ def jit(
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         check_process()
+        if not HAS_JAX:
+            with np.errstate(all="ignore"):  # as JAX, which does not warn
+                return function(*args, **kwargs)
         with devices.device_context():
             return executable()(*args, **kwargs)
 
     call.executable = executable  # type: ignore[attr-defined]
     return call
+
+
+def value_and_slopes(function: Callable[[Any], Any], places: Any) -> tuple[Any, Any]:
+    """A function of places (n, dim), each by itself, and its derivatives: arrays (n, ...) and (n, ..., dim).
+
+    Examples
+    --------
+    >>> [part.tolist() for part in value_and_slopes(lambda x: x[..., 0] * x[..., 1], np.array([[2.0, 3.0]]))]
+    [[6.0], [[3.0, 2.0]]]
+    """
+    if HAS_JAX:
+        slopes, values = jax.vmap(jax.jacfwd(lambda x: (function(x),) * 2, has_aux=True))(places)
+        return values, slopes
+    units = np.broadcast_to(np.eye(places.shape[1])[:, None], (places.shape[1], *places.shape))
+    found = [jax.jvp(function, (places,), (unit,)) for unit in units]
+    return found[0][0], np.stack([tangent for _, tangent in found], axis=-1)
 
 
 def each(function: Callable[[Any], Any], of: Any) -> Any:
@@ -363,9 +389,12 @@ def blockwise(function: Callable[..., Any], **options: Any) -> Callable[..., Any
         )
 
     evaluate = jit(compute, on_one_thread=True, **options)
+    in_numpy = jit(function)
 
     def together(fixed: Any, places: NDArray[Any], **chosen: Any) -> Any:
         n = places.shape[1]
+        if not HAS_JAX:
+            return in_numpy(fixed, places, **chosen)
         size, most = (_FEW, 1) if n <= _FEW else (_MANY, _BLOCKS)
         count = max(1, -(-n // size))
         with float64():
@@ -400,6 +429,9 @@ def _split_in_blocks(places: NDArray[Any], size: int, most: int) -> NDArray[Any]
 def float64() -> Iterator[None]:
     """A context in which JAX computes in 64 bits, on the device in use, for this thread only."""
     check_process()
+    if not HAS_JAX:
+        yield
+        return
     with devices.device_context(), jax.enable_x64(True):
         yield
 

@@ -15,8 +15,8 @@ from functools import cache
 from importlib import metadata
 from typing import Any
 
-from deformnb._deferred import is_jax_imported, jax
-from deformnb.errors import DeformError
+from deformnb._deferred import HAS_JAX, is_jax_imported, jax
+from deformnb.errors import DeformError, raise_missing_jax
 
 DEVICE_KINDS = ("auto", "cpu", "gpu")
 """Names by which a device is chosen; a number behind a colon, as in "gpu:1", chooses among several of a kind."""
@@ -114,6 +114,8 @@ def _find_device(name: str) -> Any:
         )
     if kind == "auto":
         return _first()
+    if kind == "gpu" and not HAS_JAX:
+        raise_missing_jax("a GPU")
     try:
         devices = jax.local_devices(backend=kind)
     except RuntimeError:  # JAX has none of this kind

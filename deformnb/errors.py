@@ -12,6 +12,7 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
+from typing import NoReturn
 
 _PACKAGE = str(Path(__file__).parent)
 _SHORT_MODES = ("Context", "Minimal")  # of IPython's %xmode: the default, and the one that prints one line
@@ -120,6 +121,24 @@ class OtherVolumeError(DeformError):
 
 class MissingPackageError(DeformError, ImportError):
     """An optional package is not installed; the message names it and the extra that installs it."""
+
+
+def raise_missing_jax(what: str) -> NoReturn:
+    """Raise the error of what only JAX can do.
+
+    Raises
+    ------
+    MissingPackageError
+        In any case, with the command that installs JAX.
+
+    Examples
+    --------
+    >>> raise_missing_jax("a registration")
+    Traceback (most recent call last):
+        ...
+    deformnb.errors.MissingPackageError: a registration needs JAX, which is not installed: pip install jax
+    """
+    raise MissingPackageError(f"{what} needs JAX, which is not installed: pip install jax")
 
 
 class DeformWarning(UserWarning):

@@ -151,6 +151,7 @@ ROWS = re.compile(r"^(lessons\.|datasets\.(registry|darcy)\.(Dataset|ThompsonGri
 """Classes of which the package itself makes the rows."""
 
 OTHERS = {
+    "errors.raise_missing_jax(what)": "words of a message",
     "document.json_regions.region_from_data(where)": "words of a message",
     "io.volumes.formats.FileDescription(format)": "text for people",
     "io.volumes.formats.Format(description)": "text for people",

@@ -268,7 +268,8 @@ def test_the_tests_mirror_the_package() -> None:
     assert all((ROOT / "tests" / name).is_file() for name in OF_A_WHOLE_PACKAGE)
 
 
-PRIVATE_MODULES = {"_jax", "_progress", "_typing", "_weak"}  # private to the package, of which tests are a part
+# Private to the package, of which tests are a part.
+PRIVATE_MODULES = {"_dual_numbers", "_jax", "_progress", "_typing", "_weak"}
 
 
 def test_tests_import_no_private_names() -> None:

@@ -3,7 +3,8 @@
 Evaluation of the sum at many points is compiled: it is the inner loop of everything interactive. It runs in a loop over
 the centres with the accumulators in registers, tile by tile: writing it as one reduction over (points x centres) took
 24 s instead of 12 ms for 1024^2 points and 32 centres, because XLA does not vectorise it. The loop's length is a
-run-time number, so one compiled function serves every number of points up to its capacity.
+run-time number, so one compiled function serves every number of points up to its capacity. Where JAX is not installed
+NumPy takes many centres in one turn of the same loop.
 
 Kernels of compact support reach few of many places. The loop leaves out the centres that do not reach a tile; of
 :data:`CULLED` and more, a tile gets the list of those that do, and counts its places from its middle.
@@ -14,13 +15,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from operator import mul
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import as_numpy, each, float64, jax, jit, jnp, lax, pytree
+from deformnb._jax import HAS_JAX, as_numpy, each, float64, jax, jit, jnp, lax, pytree
 from deformnb.native import sums
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
@@ -64,6 +66,7 @@ _SIDE = 64  # columns of a tile at least, of many centres of a compact kernel
 _GROUP = 4  # centres per turn of the inner loop
 _GROUP_OF_GPU = 32  # a turn is a launch there, and reads and writes the sums once
 _BLOCK = 4096  # points at a time, whose accumulators stay in the cache as well
+_AT_ONCE = 2**15  # places times centres at a time, of NumPy
 
 
 def few_sizes(tiles: int) -> int:
@@ -115,6 +118,9 @@ class PlainLeaves(NamedTuple):
     arrays: Leaves
 
 
+Times: TypeAlias = Callable[[Any, Any], Any]
+"""Coefficients of centres times a function of each, added up where there are several."""
+
 Sum: TypeAlias = Callable[[tuple[Any, ...], Leaves, type[AbstractKernel]], tuple[Any, ...]]
 
 
@@ -127,8 +133,8 @@ def _displacement(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKerne
             start[m] + sum(h[m, k, j] * p[k] * p[j] for k in range(dim) for j in range(dim)) for m in range(dim)
         )
 
-    def add(total: tuple[Any, ...], offset: list[Any], a: Any, phi: Any) -> tuple[Any, ...]:
-        return tuple(total[m] + a[m] * phi for m in range(dim))
+    def add(total: tuple[Any, ...], offset: list[Any], a: Any, phi: Any, times: Times) -> tuple[Any, ...]:
+        return tuple(total[m] + times(a[m], phi) for m in range(dim))
 
     return _add_centers(p, leaves, start, lambda s, _: kernel.profile(s), add)
 
@@ -142,9 +148,9 @@ def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) 
             start[m * dim + k] + 2 * sum(h[m, k, j] * p[j] for j in range(dim)) for m in range(dim) for k in range(dim)
         )
 
-    def add(total: tuple[Any, ...], offset: list[Any], a: Any, slope: Any) -> tuple[Any, ...]:
+    def add(total: tuple[Any, ...], offset: list[Any], a: Any, slope: Any, times: Times) -> tuple[Any, ...]:
         along = [slope * o for o in offset]
-        return tuple(total[m * dim + k] + a[m] * along[k] for m in range(dim) for k in range(dim))
+        return tuple(total[m * dim + k] + times(a[m], along[k]) for m in range(dim) for k in range(dim))
 
     return _add_centers(p, leaves, start, lambda s, square: 2 * square * kernel.slope(s), add)
 
@@ -162,8 +168,11 @@ def _add_centers(
     ----------
     radial : from squared distances, relative to the support of a centre, and the square of its scale, to a function of
         them that all sums share.
-    add : from the sums, the offsets from a centre, its coefficients and its radial function, to the sums.
+    add : from the sums, the offsets from a centre, its coefficients and its radial function, to the sums; and the
+        product of the last two, which adds up those of several centres.
     """
+    if not HAS_JAX:
+        return _add_groups(p, leaves, start, radial, add)
     dim, on_host = len(p), devices.is_host()
     group = _GROUP if on_host else min(_GROUP_OF_GPU, len(leaves.centers))
     # On a GPU the centres that fill up a capacity count too, with coefficients of 0: a number that is only known when
@@ -183,10 +192,29 @@ def _add_centers(
             return tuple(radial(sum(o**2 for o in offset(i)) * squares[i], squares[i]) for i in range(group))
 
         for i, function in enumerate(_materialize(functions, q >= 0) if on_host else functions()):
-            total = add(total, offset(i), a[i], function)
+            total = add(total, offset(i), a[i], function, mul)
         return total
 
     return lax.fori_loop(0, turns, body, start)
+
+
+def _add_groups(
+    p: tuple[Any, ...],
+    leaves: Leaves,
+    start: tuple[Any, ...],
+    radial: Callable[[Any, Any], Any],
+    add: Callable[..., tuple[Any, ...]],
+) -> tuple[Any, ...]:
+    """:func:`_add_centers` in NumPy: so many centres at once that their arrays stay in the cache."""
+    total, shape = start, (-1, *(1,) * p[0].ndim)
+    group = max(1, _AT_ONCE // max(1, p[0].size))
+    for first in range(0, int(leaves.count), group):
+        own = slice(first, min(first + group, int(leaves.count)))
+        squares = 1 if leaves.scales is None else leaves.scales[own].reshape(shape) ** 2
+        offset = [place - x.reshape(shape) for place, x in zip(p, leaves.centers[own].T, strict=True)]
+        function = radial(sum(o * o for o in offset) * squares, squares)
+        total = add(total, offset, leaves.coefficients[own].T, function, lambda a, values: np.tensordot(a, values, 1))
+    return total
 
 
 def _materialize(values: Callable[[], tuple[Any, ...]], always: Any) -> tuple[Any, ...]:
@@ -214,6 +242,13 @@ def _leaves_in_reach(leaves: Leaves, low: Any, high: Any) -> Leaves:
     gap = jnp.maximum(jnp.maximum(low - leaves.centers, leaves.centers - high), 0.0)
     square = jnp.sum(gap * gap, axis=1) * (1 if leaves.scales is None else leaves.scales**2)
     is_near = (square < 1) & (jnp.arange(n) < leaves.count)
+    if not HAS_JAX:
+        centers, coefficients, scales = (
+            None if a is None else a[is_near] for a in (leaves.centers, leaves.coefficients, leaves.scales)
+        )
+        return leaves._replace(
+            centers=centers, coefficients=coefficients, scales=scales, count=np.count_nonzero(is_near)
+        )
     place = jnp.where(is_near, jnp.cumsum(is_near) - 1, n)
     order = jnp.full(n, n, place.dtype).at[place].set(jnp.arange(n, dtype=place.dtype), mode="drop")
 
@@ -247,7 +282,7 @@ def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKe
         own = lax.dynamic_slice(rows, (0 * t, i), (dim, _TILE)), lax.dynamic_slice(columns, (0 * t, j), (dim, side))
         return lax.dynamic_update_slice(out, values(*own), (0 * t, i, j))
 
-    count = jax.eval_shape(values, rows[:, :_TILE], columns[:, :side]).shape[0]
+    count = dim if what is _displacement else dim * dim
     out = jnp.zeros((count, rows.shape[1], width), rows.dtype)
     # Stacked by lax.map, it would all be copied once more.
     return lax.fori_loop(0, rows.shape[1] // _TILE * across, add, out)

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
 from deformnb._entrances import AbstractCellOutput
-from deformnb._jax import float64, full_precision, jit, jnp, pytree
+from deformnb._jax import HAS_JAX, float64, full_precision, jit, jnp, pytree
 from deformnb.devices import is_host
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PointRemarks, PreparedPoints, crossing_pairs, torn_pairs
@@ -518,7 +518,7 @@ def _solve_whole(
     trend: TrendName,
 ) -> Solved:
     """The system by elimination; NaN where it has no solution."""
-    if kernel.name not in BUILT_IN or not is_host():
+    if HAS_JAX and (kernel.name not in BUILT_IN or not is_host()):
         with float64():
             return _solve(x, d, active, nugget, span, turn, scales, kernel=kernel, trend=trend)
     n, (size, dim) = int(active.sum()), x.shape

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import blockwise, full_precision, jax, jnp, pytree
+from deformnb._jax import blockwise, full_precision, jnp, pytree, value_and_slopes
 from deformnb.checks import check_fields, real_array
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractFit, AbstractInterpolant
@@ -249,7 +249,12 @@ def drift_gradient(
     return out
 
 
-_measured = blockwise(lambda region, places: jax.vmap(jax.value_and_grad(region), 1, -1)(places))
+def _measure(region: AbstractRegion, places: Any) -> tuple[Any, Any]:
+    distance, slope = value_and_slopes(region, places.T)
+    return distance, slope.T
+
+
+_measured = blockwise(_measure)
 
 
 def gradients(region: AbstractRegion, matrix: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[Any, Any]:

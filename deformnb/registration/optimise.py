@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage, scipy
-from deformnb._jax import float64, jax
+from deformnb._jax import HAS_JAX, float64, jax
 from deformnb._typing import Progress
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, raise_missing_jax
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fitting import check_stages, fit_one_system
 from deformnb.rbf.interpolant import RBFInterpolant
@@ -355,7 +355,8 @@ def fit_targets(
     Raises
     ------
     DeformError
-        If no point may move, the pictures share nothing, or the points cannot be fitted as they are.
+        If no point may move, the pictures share nothing, or the points cannot be fitted as they are; where JAX is not
+        installed.
 
     Examples
     --------
@@ -370,6 +371,8 @@ def fit_targets(
     >>> fitted.points.target.round(1).tolist(), round(fitted.score_after, 2)
     ([[26.0, 20.0]], 1.0)
     """
+    if not HAS_JAX:
+        raise_missing_jax("a registration, which follows the derivatives of the similarity,")
     alike = find_measure(measure)
     check_stages(stages, ())
     _check_options(energy, iterations, least)

@@ -1,8 +1,9 @@
 """Interpolation of voxels: nearest, linear and cubic, by JAX. The only file of Python with gather loops.
 
-This plain form is the reference, and computes on GPUs; a processor reads voxels by the compiled loops of
-:mod:`deformnb.native`, where they are built. Everything here works on bare arrays [z, y, x] and on indices; the indices
-are determined in :mod:`deformnb.warping.planning`, and the samples are used in :mod:`deformnb.warping.voxel_readers`.
+This plain form is the reference, and computes on GPUs, and by NumPy where neither JAX nor the compiled loops of
+:mod:`deformnb.native` are there; a processor reads voxels by these loops, where they are built. Everything here works
+on bare arrays [z, y, x] and on indices; the indices are determined in :mod:`deformnb.warping.planning`, and the samples
+are used in :mod:`deformnb.warping.voxel_readers`.
 
 A place along one axis is stored as a whole number and a fraction, ``whole + part``. The displacement is added to the
 fraction, never to the index: a float32 index of 500 resolves 3e-5 voxels only, a fraction resolves 1e-7 everywhere.
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from deformnb import devices
 from deformnb._deferred import ndimage
-from deformnb._jax import check_process, float64, jax, jit, jnp
+from deformnb._jax import HAS_JAX, check_process, float64, jax, jit, jnp
 
 WIDE = ("int32", "float64")
 """Voxel types that float32 arithmetic would change; they are interpolated in float64."""
@@ -67,6 +68,8 @@ def to_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
     check_process()
     if not devices.is_host():
         return jax.device_put(array if shape is None else array.reshape(shape), devices.device_in_use())
+    if not HAS_JAX:
+        return array if shape is None else array.reshape(shape)
     if not array.flags.c_contiguous or array.ctypes.data % _ALIGNMENT:
         copy = aligned_empty(array.shape, array.dtype)
         np.copyto(copy, array)
@@ -218,12 +221,19 @@ def to_voxel_type(value: Any, ok: Any, fill: Any, method: str) -> Any:
     return jnp.where(ok, value, fill)
 
 
+def _take(array: Any, index: Any) -> Any:
+    """Entries along the last axis, at indices that there are."""
+    if not HAS_JAX:
+        return array[..., index]
+    return array.at[..., index].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+
 def _reader(flat: Any, method: str, compute: Any) -> Callable[[Any, int], Any]:
     """Reads ``flat`` at an index plus a constant."""
     row = flat.reshape(-1)
 
     def read(index: Any, shift: int) -> Any:
-        value = row.at[index + shift].get(mode="promise_in_bounds", wrap_negative_indices=False)
+        value = _take(row, index + shift)
         return value.astype(compute) if METHODS[method].blends else value
 
     return read
@@ -289,7 +299,7 @@ def _sample_listed(
     """
 
     def add(tables: Any) -> tuple[Any, ...]:
-        z, y, x = (table.at[:, at].get(mode="promise_in_bounds") for table, at in zip(tables, voxels, strict=True))
+        z, y, x = (_take(table, at) for table, at in zip(tables, voxels, strict=True))
         none = jnp.zeros((3, 1), z.dtype)
         return none, none, z + y + x
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from deformnb._jax import check_process, jax, jnp
+from deformnb._jax import HAS_JAX, check_process, jax, jnp
 from deformnb.checks import short_value
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, raise_missing_jax
 from deformnb.volume import sampling
 from deformnb.volume.sampling import SamplingName
 from deformnb.volume.volume import Grid
@@ -53,7 +53,8 @@ def warp_array(
     Raises
     ------
     DeformError
-        If shapes do not fit, the type is another one, or the method needs more than the neighbours of a place.
+        If shapes do not fit, the type is another one, or the method needs more than the neighbours of a place; where
+        JAX is not installed.
 
     Examples
     --------
@@ -66,6 +67,8 @@ def warp_array(
     >>> jax.grad(lambda d: warp_array(ramp, d, grid).sum())(d)[0].tolist()
     [[[10.0, 10.0, 10.0, 0.0]]]
     """
+    if not HAS_JAX:
+        raise_missing_jax("warp_array, which stands in functions that JAX compiles and differentiates,")
     check_process()
     output = grid if output is None else output
     values, d = jnp.asarray(values), jnp.asarray(displacements, jnp.float32)

@@ -1,4 +1,7 @@
-"""Readers of a volume at displaced places: compiled loops on a processor, JAX on a GPU and where no loops are built."""
+"""Readers of a volume at displaced places: compiled loops on a processor, JAX on a GPU and where no loops are built.
+
+Where JAX is not installed either, NumPy reads the same voxels by the same operations.
+"""
 
 from __future__ import annotations
 
