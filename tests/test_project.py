@@ -271,7 +271,7 @@ def test_the_tests_mirror_the_package() -> None:
 
 
 # Private to the package, of which tests are a part.
-PRIVATE_MODULES = {"_dual_numbers", "_jax", "_progress", "_typing", "_weak"}
+PRIVATE_MODULES = {"_dual_numbers", "_jax", "_progress", "_threads", "_typing", "_weak"}
 
 
 def test_tests_import_no_private_names() -> None:

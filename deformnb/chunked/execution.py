@@ -8,6 +8,7 @@ from itertools import islice
 from typing import Any
 
 from deformnb._packages import install_command
+from deformnb._threads import can_start_threads
 from deformnb.errors import DeformError, MissingPackageError
 
 # Work with more bytes of arrays is given to each worker once instead of travelling with the list of tasks.
@@ -19,6 +20,11 @@ _RETRIES = 3
 
 def run_on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: int) -> Iterator[int]:
     """Work on all numbers, and yield each finished one. Ending the loop early cancels those not begun."""
+    if not can_start_threads():
+        for number in numbers:
+            work(number)
+            yield number
+        return
     with ThreadPoolExecutor(threads, thread_name_prefix="deformnb-block") as pool:
         waiting: set[Any] = set()
         following = iter(numbers)

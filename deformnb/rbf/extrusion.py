@@ -160,6 +160,9 @@ CURVE_KNOTS = 1025
 # A curve that takes longer than this for all its knots would block every edit.
 _SLOWEST_CURVE = 1.0
 
+# Not of the clock: a busy machine makes no curve too slow. Python in a browser has no times of threads.
+_thread_time = getattr(time, "thread_time", time.process_time)
+
 Weights = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Knots (m,) in [0, 1], rising, and weights (K, m) of the K maps at the knots."""
 
@@ -209,12 +212,12 @@ def modulate(curve: str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
 
 def _tabulate(function: Callable[[NDArray[np.float64]], ArrayLike]) -> Weights:
     z = np.linspace(0.0, 1.0, CURVE_KNOTS)
-    start = time.thread_time()  # not of the clock: a busy machine makes no curve too slow
+    start = _thread_time()
     try:
         values = np.asarray(function(z)).astype(np.float64, casting="same_kind")  # no complex numbers
     except Exception as error:
         raise DeformError(f"the curve raised {type(error).__name__}: {error}") from error
-    if time.thread_time() - start > _SLOWEST_CURVE:
+    if _thread_time() - start > _SLOWEST_CURVE:
         raise DeformError(f"the curve took longer than {_SLOWEST_CURVE:g} s for {CURVE_KNOTS} values; simplify it.")
     if values.shape not in ((), z.shape) or not np.isfinite(values).all():
         raise DeformError("the curve must return one finite number for every z of the array it is given.")

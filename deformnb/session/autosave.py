@@ -24,6 +24,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
+from deformnb._threads import can_start_threads
 from deformnb._typing import RecoveryCommand
 from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation, VolumeReference
@@ -299,9 +300,13 @@ class _Job:
         return threading.current_thread() is self.thread
 
     def start(self) -> None:
-        """Start the thread unless it runs or the end has come."""
+        """Start the thread unless it runs or the end has come; where there are no threads, write now."""
         with self.changed:
-            if self.thread is None and not self.is_done:
+            if self.thread is None and not self.is_done and not can_start_threads():
+                self.thread, self.is_urgent = threading.current_thread(), True
+                _run(self)
+                self.is_urgent = False
+            elif self.thread is None and not self.is_done:
                 self.thread = threading.Thread(target=_run, args=(self,), name="deformnb-autosave", daemon=True)
                 try:
                     self.thread.start()

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from deformnb import devices
 from deformnb._jax import jnp
+from deformnb._threads import can_start_threads
 from deformnb._typing import Progress
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
@@ -514,7 +515,7 @@ def _starts(n: int, length: int, step: int) -> list[int]:
 
 def run_parts(parts: Sequence[_Part], work: Callable[[_Part], None], progress: Progress | None) -> None:
     """Run the work for all parts, on as many threads as this process may use."""
-    threads = min(len(parts), processors())
+    threads = min(len(parts), processors()) if can_start_threads() else 1
     done = 0.0
     if not parts and progress:
         progress(1.0)

@@ -3,6 +3,8 @@
 VTK needs a separate thread, because an OpenGL context belongs to the thread that made it. Callbacks of widgets come
 from any thread. The work that they request is queued here: calls in the order in which they
 came, then the newest job of each name, then jobs that wait for a rest.
+
+Where no thread can be started, as in a browser, the work is done at once, in the thread that requests it.
 """
 
 from __future__ import annotations
@@ -15,11 +17,12 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
 from deformnb._jax import ENDING
+from deformnb._threads import Timer, can_start_threads
 from deformnb.checks import report_notes
 from deformnb.errors import DeformError
 
@@ -81,6 +84,7 @@ class Worker:
         with self._queue.changed:  # the thread cannot end between the two
             self._start()
             self._queue.put_call(lambda: _settle(future, function), future)
+        self._queue.work_here()
         return future
 
     def latest(self, key: str, function: Callable[[], None]) -> None:
@@ -88,6 +92,7 @@ class Worker:
         with self._queue.changed:
             self._start()
             self._queue.put_job(key, function)
+        self._queue.work_here()
 
     def debounce(self, delay: float, function: Callable[[], None]) -> None:
         """Do this once nothing else has come for ``delay`` seconds; what comes first drops it, and so does the end."""
@@ -95,6 +100,20 @@ class Worker:
         with contextlib.suppress(DeformError), self._queue.changed:
             self._start()
             self._queue.put_rest(delay, function)
+
+    @contextlib.contextmanager
+    def pause(self) -> Iterator[None]:
+        """A context in which nothing is done: what is requested waits for its end."""
+        is_over = threading.Event()
+        self._queue.is_paused = not can_start_threads()
+        if not self._queue.is_paused:
+            self.call(is_over.wait)
+        try:
+            yield
+        finally:
+            is_over.set()
+            self._queue.is_paused = False
+            self._queue.work_here()
 
     @property
     def is_wanted(self) -> bool:
@@ -104,7 +123,7 @@ class Worker:
     @property
     def is_current_thread(self) -> bool:
         """True in the thread itself."""
-        return threading.current_thread() is self._thread
+        return self._queue.is_at_work_here or threading.current_thread() is self._thread
 
     @property
     def is_closed(self) -> bool:
@@ -119,6 +138,7 @@ class Worker:
         wait : seconds that this takes at most. Longer work continues, and the thread ends behind it.
         """
         self._queue.close()
+        self._queue.end_here()
         thread = self._thread
         if thread is not None and not self.is_current_thread:
             thread.join(wait)
@@ -126,7 +146,7 @@ class Worker:
     def _start(self) -> None:
         if self._queue.closed:
             raise DeformError("the view is closed; make a new one.")
-        if not self._queue.has_thread:
+        if not self._queue.has_thread and can_start_threads():
             before, self._queue.has_thread = self._thread, True
             self._thread = threading.Thread(target=_work, args=(self._queue, before), name=self._name, daemon=True)
             _RUNNING[self._thread] = self._queue
@@ -148,6 +168,7 @@ class _Queue:
         self.rest: tuple[float, Callable[[], None]] | None = None
         self.closed = False
         self.has_thread = False
+        self.is_paused = self.is_at_work_here = self.has_worked_here = False  # where there are no threads
         self.at_end = at_end
         self.failed = failed
         self.is_needed = is_needed
@@ -170,9 +191,43 @@ class _Queue:
 
     def put_rest(self, delay: float, work: Callable[[], None]) -> None:
         with self.changed:
-            if not self.is_wanted:
-                self.rest = (time.monotonic() + delay, work)
-                self.changed.notify()
+            if self.is_wanted:
+                return
+            self.rest = rest = (time.monotonic() + delay, work)
+            self.changed.notify()
+            if not self.has_thread:
+                Timer(delay, lambda: self._rest_here(rest)).start()
+
+    def _rest_here(self, rest: tuple[float, Callable[[], None]]) -> None:
+        """Do what waited for a rest, where there are no threads.
+
+        Without a loop of events that is at once, but for what a job requests: one that requests itself again would
+        never end.
+        """
+        if self.rest is rest:
+            self.rest = None
+            if not self.is_at_work_here:
+                self.put_job("rest", rest[1])
+                self.work_here()
+
+    def work_here(self) -> None:
+        """Do all that waits in this thread, where no other can be started."""
+        if self.has_thread or self.is_paused or self.is_at_work_here:
+            return
+        self.is_at_work_here = self.has_worked_here = True
+        try:
+            while self.is_wanted and not self.closed:
+                work = self.take()
+                if work is not None:
+                    _do(self, work)
+        finally:
+            self.is_at_work_here = False
+
+    def end_here(self) -> None:
+        """Do the last work, where no other thread does it."""
+        if self.has_worked_here and self.at_end is not None:
+            self.has_worked_here = False
+            self.at_end()
 
     def close(self) -> None:
         with self.changed:
@@ -218,13 +273,7 @@ def _work(queue: _Queue, before: threading.Thread | None) -> None:
         before.join()  # it may still clear state that is made again here
         before = None
     while (work := queue.take()) is not None:
-        try:
-            with report_notes():  # by the widgets
-                work()
-        except Exception as error:  # of a job, whose owner should have caught it: the next one must still be done
-            if not ENDING.is_set():  # which cancels the computation of a job
-                _LOG.exception("a job of a worker failed")
-                queue.report_failure(error)
+        _do(queue, work)
         del work  # else the thread holds the owner of its last job while it waits
     if queue.at_end is not None:
         try:
@@ -232,6 +281,16 @@ def _work(queue: _Queue, before: threading.Thread | None) -> None:
         except Exception:
             _LOG.exception("a worker could not put its things away")
     _RUNNING.pop(threading.current_thread(), None)
+
+
+def _do(queue: _Queue, work: Callable[[], None]) -> None:
+    try:
+        with report_notes():  # by the widgets
+            work()
+    except Exception as error:  # of a job, whose owner should have caught it: the next one must still be done
+        if not ENDING.is_set():  # which cancels the computation of a job
+            _LOG.exception("a job of a worker failed")
+            queue.report_failure(error)
 
 
 def _settle(future: Future[Any], function: Callable[[], Any]) -> None:

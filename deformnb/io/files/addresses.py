@@ -183,7 +183,7 @@ def copy_neighbour(path: Path, name: str, most: int | None = None) -> None:
     target.unlink(missing_ok=True)
     try:
         os.link(source, target)
-    except OSError:  # a disk without links
+    except (AttributeError, OSError):  # a disk, or a Python, without links
         shutil.copyfile(source, target)
 
 

@@ -346,19 +346,16 @@ class Studio(Boxes):
         words = StudioStatus()
         worker = Worker("deformnb-studio", failed=words.report_error)
         ends: list[Callable[[], None]] = [worker.close]
-        is_whole = threading.Event()
-        worker.call(is_whole.wait)  # nothing is done for half a studio
-        try:
-            with closed_on_failure(lambda: end_all(ends)), translated_by_owner():  # by the head
-                parts = self._make(before, session, words, worker, ends, given)
-                self._show(parts, before)
-        except BaseException:
-            close_all(words.box, words.notice, words.status)
-            if before is not None:
-                self.parts = before
-            raise
-        finally:
-            is_whole.set()
+        with worker.pause():  # nothing is done for half a studio
+            try:
+                with closed_on_failure(lambda: end_all(ends)), translated_by_owner():  # by the head
+                    parts = self._make(before, session, words, worker, ends, given)
+                    self._show(parts, before)
+            except BaseException:
+                close_all(words.box, words.notice, words.status)
+                if before is not None:
+                    self.parts = before
+                raise
         parts.sync.request_status()
         if before is not None:
             _schedule_warm_up(self)

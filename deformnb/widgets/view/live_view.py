@@ -18,6 +18,7 @@ from typing import Any
 import ipywidgets
 import traitlets
 
+from deformnb._threads import Timer
 from deformnb._typing import Image
 from deformnb._weak import weakly
 from deformnb.document.animation import TimeMaps
@@ -203,7 +204,7 @@ class LiveView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=Vi
             MovieFailed: self._movies.fail,
         }
         self._preview: tuple[SceneDescription, bytes] | None = None
-        self._sharpener: threading.Timer | None = None
+        self._sharpener: Timer | None = None
         super().__init__(**traits)
         self.observe(self._fallback.set_display, SHARED)
         if volume is not None:
@@ -243,8 +244,7 @@ class LiveView(ShowsPoints, ShowsPlane, AbstractView, SyncedWidget, metaclass=Vi
         if timer is not None:
             timer.cancel()
         if self.source.needs_repacking(all_values=self.projection == "mip"):
-            self._sharpener = threading.Timer(self.rest, weakly(self, LiveView.repack))
-            self._sharpener.daemon = True
+            self._sharpener = Timer(self.rest, weakly(self, LiveView.repack))
             self._sharpener.start()
 
     def repack(self, *, is_too_large: bool = False) -> None:

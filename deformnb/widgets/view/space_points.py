@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import ipywidgets
@@ -11,6 +11,7 @@ import numpy as np
 import traitlets
 
 from deformnb._jax import jax
+from deformnb._threads import Timer
 from deformnb._weak import weakly
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
@@ -123,8 +124,7 @@ class ShowsPoints(traitlets.HasTraits):
         self.show_deformation(field, output=self.output_grid)
         if self.is_quick:  # a cancelled drag ends without a message
             show = weakly(self, ShowsPoints._show_finely, lambda view: view.is_quick)
-            self._rest_timer = threading.Timer(_REST, show, (make, points, parts))
-            self._rest_timer.daemon = True
+            self._rest_timer = Timer(_REST, partial(show, make, points, parts))
             self._rest_timer.start()
 
     def _show_finely(self, make: FieldOf, points: ControlPoints, parts: tuple[RigidPart, ...] | None) -> None:

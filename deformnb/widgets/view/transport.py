@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from deformnb._threads import Timer
 from deformnb._typing import Image
 from deformnb.widgets.image_encoding import PREVIEW_SHARE, PREVIEW_SIZE, as_jpeg, as_png
 from deformnb.widgets.messages.views import FrameSent
@@ -150,7 +151,7 @@ class Pacer:
         self._lock = threading.RLock()  # offers come from cells and sliders, confirmations from another thread
         self._number = self._seen = 0
         self._sent = 0.0
-        self._timer: threading.Timer | None = None
+        self._timer: Timer | None = None
         self._is_closed = False
 
     @property
@@ -173,9 +174,8 @@ class Pacer:
             if wait <= 0:
                 self._go()
             elif self._timer is None:
-                self._timer = threading.Timer(wait, self._late)
-                self._timer.daemon = True
-                self._timer.start()
+                self._timer = timer = Timer(wait, lambda: self._late(timer))
+                timer.start()
 
     def confirm(self, number: int) -> None:
         """The front end shows or draws the state of this number."""
@@ -191,9 +191,9 @@ class Pacer:
         if timer is not None:
             timer.cancel()
 
-    def _late(self) -> None:
+    def _late(self, timer: Timer) -> None:
         with self._lock:
-            if self._is_closed or self._timer is not threading.current_thread():
+            if self._is_closed or self._timer is not timer:
                 return  # it was sent meanwhile
             try:
                 self._go()
