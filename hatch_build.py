@@ -80,6 +80,7 @@ class MetadataHook(MetadataHookInterface):
         public = readme_links.read_project(Path(self.root))["tool"]["deformnb"]["public"]
         text = Path(self.root, "README.md").read_text(encoding="utf-8")
         text = readme_links.absolute_links(text, public["repository"], metadata["version"])
+        text = readme_links.add_binder(text, public["repository"], metadata["version"])
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
         metadata["urls"] = readme_links.public_urls(public)
 

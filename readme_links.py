@@ -10,6 +10,7 @@ import re
 import tomllib
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 ROOT = Path(__file__).resolve().parent
 _LINK = re.compile(r"(?P<picture>!?)(?P<text>\[[^\]]*\])\((?P<path>(?!\w+:|#)[^)\s]+)\)")
@@ -42,6 +43,28 @@ def absolute_links(text: str, repository: str, version: str) -> str:
         return f"{found['picture']}{found['text']}({repository}/{kind}/v{version}/{found['path']})"
 
     return _LINK.sub(lead, text)
+
+
+def binder_url(repository: str, version: str) -> str:
+    """The address at which Binder starts JupyterLab with the notebooks of a version.
+
+    Parameters
+    ----------
+    repository : https address of its page.
+    version : of the package.
+    """
+    owner = repository.removeprefix("https://github.com/")
+    place = f"git/{quote(repository, safe='')}" if owner == repository else f"gh/{owner}"
+    return f"https://mybinder.org/v2/{place}/v{version}?urlpath=lab/tree/notebooks"
+
+
+def add_binder(text: str, repository: str, version: str) -> str:
+    """The README with a sentence about Binder before its first code; unchanged without an address."""
+    if not repository:
+        return text
+    before, heading, after = text.partition("\n## Five lines\n")
+    sentence = f"\n[Run the notebooks on Binder]({binder_url(repository, version)}); nothing is installed.\n"
+    return f"{before}{sentence}{heading}{after}"
 
 
 def public_urls(public: dict[str, str]) -> dict[str, str]:

@@ -20,7 +20,7 @@ import deformnb as dn
 from deformnb.native import library
 
 HERE, THERE = [[30, 100], [250, 60], [480, 100]], [[30, 130], [250, 60], [480, 130]]
-PARTS = {"pyvista": "vtk", "trame_rca": "app"}  # packages that deformnb-core leaves out, and the extra of each
+PARTS = {"jax": "jax", "pyvista": "vtk", "trame_rca": "app"}  # what deformnb-core leaves out, and the extra of each
 
 
 def main() -> None:

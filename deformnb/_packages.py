@@ -5,7 +5,8 @@ Nothing is imported here: the command line and the page of the application look 
 
 from __future__ import annotations
 
-_EXTRAS = {"pyvista": "vtk", "trame": "app", "trame_rca": "app", "vtkmodules": "vtk"}  # of the parts that deformnb has
+_EXTRAS = {"jax": "jax", "pyvista": "vtk", "trame": "app", "trame_rca": "app", "vtkmodules": "vtk"}
+"""Extras of the parts that deformnb has, and deformnb-core has not."""
 
 
 def install_command(extra: str) -> str:

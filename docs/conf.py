@@ -73,6 +73,7 @@ numpydoc_class_members_toctree = False
 templates_path = ["_templates"]
 html_theme = "pydata_sphinx_theme"
 html_title = "deformnb"
+html_baseurl = PUBLIC_HOME["documentation"]  # each page names the address at which it is to be found
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_extra_path = ["_made"]

@@ -18,7 +18,7 @@ from PIL import Image, ImageSequence
 import deformnb as dn
 from deformnb.rbf.conditioning import LARGEST_SET, MOST_POINTS
 from docs import thompson_picture
-from readme_links import absolute_links, public_urls, read_project, relative_links
+from readme_links import absolute_links, add_binder, public_urls, read_project, relative_links
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -53,7 +53,20 @@ def test_the_links_of_the_readme_lead_to_files_and_on_an_index_to_the_repository
     assert "](https://code.example/deformnb/raw/v1.2/docs/thompson.webp)" in public
     assert "](https://code.example/deformnb/blob/v1.2/LICENSE)" in public
     assert public.count("](https://doi.org/") == text.count("](https://doi.org/") > 0
-    assert absolute_links(text, "", "1.2") == text
+    assert absolute_links(text, "", "1.2") == add_binder(text, "", "1.2") == text
+
+
+@pytest.mark.parametrize(
+    ("repository", "place"),
+    [("https://github.com/o/d", "gh/o/d"), ("https://code.example/d", "git/https%3A%2F%2Fcode.example%2Fd")],
+)
+def test_the_readme_of_a_public_home_leads_to_binder(repository: str, place: str) -> None:
+    text = _text("README.md")
+    added = set(add_binder(text, repository, "1.2").splitlines()) - set(text.splitlines())
+    (line,) = added
+    assert f"](https://mybinder.org/v2/{place}/v1.2?urlpath=lab/tree/notebooks)" in line
+    assert (ROOT / "notebooks").is_dir()
+    assert (ROOT / "binder" / "requirements.txt").is_file()
 
 
 def test_the_public_addresses_have_one_source() -> None:
@@ -109,11 +122,13 @@ def test_the_extras_of_users_are_listed_once() -> None:
     named = {}
     for path in (ROOT / "README.md", ROOT / "lessons" / "README.md", *DOCS.glob("*.md"), *DOCS.glob("howto/*.md")):
         for target in re.findall(r"pip install (?:-U )?([^\n`#]*?)(?=\s*[`#\n]|\" )", path.read_text(encoding="utf-8")):
-            for one in re.findall(r"(?:\.|deformnb-core)\[([\w,]+)\]", target):
+            for one in re.findall(r"(?:\.|\./core|deformnb-core)\[([\w,]+)\]", target):
                 named.setdefault(path.name, set()).update(one.split(","))
             is_public = re.search(r"\bdeformnb(?!-core\[)", target) is not None
             assert not is_public or PUBLIC["install"] == "deformnb", f"{path.name}: it is on no index yet: {target}"
-    assert set().union(*named.values()) <= FOR_USERS
+    parts = set(re.findall(r"^\|.*\| `pip install \"deformnb-core\[(\w+)\]\"` \|$", text, re.MULTILINE))
+    assert PROJECT["tool"]["deformnb"]["core"] == f"deformnb-core[{','.join(sorted(parts))}]"
+    assert set().union(*named.values()) <= FOR_USERS | parts
     (first,) = re.findall(r"^```sh\npip install (\S+)", text, re.MULTILINE)[:1]
     assert first == PUBLIC["install"]
 

@@ -25,6 +25,7 @@ class Check:
 
 OPTIONAL = {
     "pyvista": ("drawing by VTK, objects of pyvista and VTK, VTP files to write", "vtk"),
+    "jax": ("GPUs, registration, maps as functions of JAX", "jax"),
     "trame-rca": ('application: "deformnb app"', "app"),
     "SimpleITK": ("SimpleITK objects", "formats"),
     "nibabel": ("nibabel objects", "formats"),
@@ -43,7 +44,6 @@ OPTIONAL = {
 REQUIRED = (
     "numpy",
     "scipy",
-    "jax",
     "matplotlib",
     "ipywidgets",
     "anywidget",
@@ -72,7 +72,7 @@ def doctor() -> list[Check]:
     ]
     checks += [check_package(name) for name in REQUIRED]
     checks += [
-        _safe_check("computing (JAX)", check_jax),
+        _safe_check("computing", check_jax),
         _safe_check("devices", _devices),
         _safe_check("compiled loops", check_loops),
         _safe_check("compilation cache", check_cache),
@@ -139,7 +139,7 @@ def check_jax() -> Check:
     points = ControlPoints.from_arrays(np.eye(3, 2), np.diag([1.5, 1.0, 1.0])[:, :2])
     exact = bool(np.abs(fit_rbf(points).displacement([1.5, 0.0]) - [-0.5, 0.0]).max() < 1e-12)
     return Check(
-        "computing (JAX)",
+        "computing",
         exact,
         f"on {device_name()}; float64 solve {'exact' if exact else 'WRONG'}",
         "reinstall jax and jaxlib of one version",
@@ -147,6 +147,10 @@ def check_jax() -> Check:
 
 
 def _devices() -> Check:
+    from deformnb._deferred import HAS_JAX
+
+    if not HAS_JAX:
+        return Check("devices", True, "the processor, by NumPy and compiled loops; GPUs need JAX")
     import jax
 
     from deformnb.devices import INSTALL, describe_device, lacks_plugin
@@ -171,8 +175,11 @@ def check_loops() -> Check:
 
 def check_cache() -> Check:
     """Check where compiled functions are stored."""
+    from deformnb._deferred import HAS_JAX
     from deformnb._jax import use_disk_cache
 
+    if not HAS_JAX:
+        return Check("compilation cache", True, "none: without JAX nothing is compiled")
     folder = use_disk_cache()
     if folder is None:
         return Check("compilation cache", True, "switched off by DEFORMNB_COMPILATION_CACHE=off")
