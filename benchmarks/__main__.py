@@ -19,7 +19,7 @@ _THREADS = (
 )
 
 
-_COMMANDS = ("latency", "drags", "studio", "memory", "start", "prediction", "chunked", "classroom", "gpu")
+_COMMANDS = ("latency", "drags", "studio", "memory", "start", "prediction", "chunked", "classroom", "gpu", "hosts")
 """Modules of this package with a separate command line."""
 
 

@@ -20,6 +20,7 @@ from docs.pictures import FOLDER, write_card
 STUDIOS = "_studios"
 TAG = "card"
 
+_STILL = re.compile(r'(<div class="dnb-embedded-output"[^>]*>)<img [^>]*>')  # for viewers that drop frames
 _FRAME = re.compile(r'(<iframe class="dnb-embedded"[^>]*) srcdoc="([^"]*)"')
 
 
@@ -33,7 +34,7 @@ def separate_studios(body: str, folder: Path, address: str) -> str:
         (folder / name).write_bytes(page)
         return f'{found[1]} src="{address}{name}"'
 
-    return _FRAME.sub(separate, body)
+    return _FRAME.sub(separate, _STILL.sub(r"\1", body))
 
 
 def _separate(app: Any, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:

@@ -114,6 +114,9 @@ def test_pages_of_studios_become_files_that_are_loaded_when_they_are_seen(tmp_pa
     (file,) = (tmp_path / "studios").iterdir()  # the same page once
     assert file.read_text("utf-8") == frame.page
     assert found == body.replace(frame.markup(), replace(frame, source=f"../_studios/{file.name}").markup())
+    output = replace(frame, still=b"png").output()
+    assert "<img" in output
+    assert "<img" not in separate_studios(output, tmp_path / "studios", "")
     assert separate_studios("<p>srcdoc</p>", tmp_path / "none", "") == "<p>srcdoc</p>"
 
 

@@ -40,7 +40,7 @@ class EmbeddedPage:
     ----------
     page : the HTML of the page.
     title : of the frame, for screen readers.
-    still : a PNG of it, for hosts that show no HTML.
+    still : a PNG of it, for hosts that show no HTML or no frames.
     height : of the frame, CSS pixels.
     source : the address of the page, where it is a file beside; else the frame contains the page itself.
 
@@ -61,12 +61,39 @@ style="width: 100%; height: 700px; border: 0" src="carp.html"></iframe>
 
     def markup(self) -> str:
         """The element ``iframe``, to be put into a page."""
+        return self._frame("")
+
+    def _frame(self, style: str) -> str:
         name, content = ("src", self.source) if self.source else ("srcdoc", self.page)
         return (
             f'<iframe class="dnb-embedded" title="{html.escape(self.title)}" sandbox="allow-scripts allow-downloads" '
-            f'loading="lazy" style="width: 100%; height: {self.height}px; border: 0" {name}="{html.escape(content)}">'
-            "</iframe>"
+            f'loading="lazy" style="{style}width: 100%; height: {self.height}px; border: 0" '
+            f'{name}="{html.escape(content)}"></iframe>'
         )
+
+    def output(self) -> str:
+        """The HTML of a cell's output: the frame, over a picture that is left where a viewer drops frames.
+
+        Examples
+        --------
+        >>> EmbeddedPage("<p>A carp</p>", "A carp", b"png", 400, "carp.html").output()
+        '<div class="dnb-embedded-output" style="display: grid"><img alt="A carp" src="data:image/png;base64,cG5n" \
+style="grid-area: 1 / 1; max-width: 100%; max-height: 400px"><iframe class="dnb-embedded" title="A carp" \
+sandbox="allow-scripts allow-downloads" loading="lazy" \
+style="grid-area: 1 / 1; width: 100%; height: 400px; border: 0" src="carp.html"></iframe></div>'
+        """
+        if not self.still:
+            return self.markup()
+        return (
+            f'<div class="dnb-embedded-output" style="display: grid"><img alt="{html.escape(self.title)}" '
+            f'src="data:image/png;base64,{self._still_text}" '
+            f'style="grid-area: 1 / 1; max-width: 100%; max-height: {self.height}px">'
+            f"{self._frame('grid-area: 1 / 1; ')}</div>"
+        )
+
+    @property
+    def _still_text(self) -> str:
+        return base64.b64encode(self.still).decode("ascii")
 
     def write(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the page to a file, atomically."""
@@ -78,5 +105,5 @@ style="width: 100%; height: 700px; border: 0" src="carp.html"></iframe>
         return f"EmbeddedPage({self.title!r}, {len(self.page.encode('utf-8'))} bytes)"
 
     def _repr_mimebundle_(self, **_options: Any) -> dict[str, str]:
-        bundle = {"text/plain": repr(self), "text/html": self.markup()}
-        return bundle | ({"image/png": base64.b64encode(self.still).decode("ascii")} if self.still else {})
+        bundle = {"text/plain": repr(self), "text/html": self.output()}
+        return bundle | ({"image/png": self._still_text} if self.still else {})

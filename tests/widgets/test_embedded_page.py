@@ -35,7 +35,7 @@ def test_the_frame_contains_the_page_and_may_do_nothing_but_run_it(studio: Studi
     assert 'sandbox="allow-scripts allow-downloads" loading="lazy"' in found[1]
     assert 'title="A &quot;carp&quot; &lt;one&gt;"' in found[1]
     bundle = page._repr_mimebundle_()
-    assert bundle["text/html"] == markup
+    assert bundle["text/html"] == page.output()
     assert base64.b64decode(bundle["image/png"]).startswith(b"\x89PNG")
     assert 'id="dnb-data"' in page.page
 
