@@ -37,7 +37,6 @@ def read_deformation(path: str | PathLike[str] | BinaryIO) -> Deformation:
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    from typing import BinaryIO, cast
     >>> from deformnb.document.json_format import to_json
     >>> file = Path(tempfile.mkdtemp()) / "nothing.json"
     >>> _ = file.write_text(to_json(Deformation()), encoding="utf-8")
