@@ -163,13 +163,15 @@ def _devices() -> Check:
 
 def check_loops() -> Check:
     """Check for compiled loops over voxels, and which of them this processor can run."""
+    from deformnb._deferred import HAS_JAX
     from deformnb.native import library
 
     level = library.level()
     if level == "off":
+        reader = "JAX" if HAS_JAX else "NumPy"
         why = library.why_absent()
         remedy = "unset it" if library.levels() else "install a wheel of this platform, or a C compiler before building"
-        return Check("compiled loops", False, f"none, so JAX reads the voxels: {why}", remedy)
+        return Check("compiled loops", False, f"none, so {reader} reads the voxels: {why}", remedy)
     return Check("compiled loops", True, f"level {level} of {', '.join(library.levels())}")
 
 
