@@ -415,6 +415,12 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
 """Parameters that are volumes or channels, each with a call in which everything else is right."""
 
 
+def _warp_markups(grid: Any, folder: Path) -> Any:
+    dn.write_landmarks(Landmarks(PLACES), folder / "a.mrk.json")
+    dn.io.warp_markups(folder / "a.mrk.json", folder / "b.mrk.json", _h(grid), grid, overwrite=True)
+    return dn.read_landmarks(folder / "b.mrk.json").points
+
+
 OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     "analysis.folds.find_folds(grid)": lambda v, _: dn.analysis.find_folds(_h(v), as_grid(v), grid=v),
     "analysis.folds.find_folds(lattice)": lambda v, _: dn.analysis.find_folds(_h(v), v),
@@ -471,6 +477,7 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     "warping.inverse.round_trip(grid)": lambda v, _: dn.warping.round_trip(_h(v), PLACES, grid=v).worst,
     "warping.mesh.signed_distance(grid)": lambda v, _: dn.warping.signed_distance(_ball(v), v),
     "warping.mesh.warp_mesh(grid)": lambda v, _: dn.warp_mesh(_ball(v), _h(v), v).points,
+    "io.landmarks.markups.warp_markups(grid)": _warp_markups,
     "warping.points.warp_landmarks(grid)": lambda v, _: dn.warp_landmarks(Landmarks(PLACES), _h(v), v).points,
     "warping.points.warp_points(grid)": lambda v, _: dn.warp_points(PLACES, _h(v), v),
     "warping.warper.Warper(output)": lambda v, _: dn.Warper(_reference(), output=v)(SHIFT),

@@ -63,9 +63,17 @@ COMES_WITH_PYVISTA = {"vtk", "vtkmodules"}
 # Likewise the parts that trame and ipywidgets are made of.
 COMES_WITH_TRAME = {"aiohttp", "msgpack", "trame_client", "wslink"}
 COMES_WITH_IPYWIDGETS = {"comm"}
+COMES_WITH_NBFORMAT = {"jsonschema"}
 # Of use where it happens to be installed, and done without elsewhere.
 USED_IF_PRESENT = {"psutil", "jupyter_server", "napari"}
-LEFT_OUT = sys.stdlib_module_names | COMES_WITH_PYVISTA | COMES_WITH_TRAME | COMES_WITH_IPYWIDGETS | USED_IF_PRESENT
+LEFT_OUT = (
+    sys.stdlib_module_names
+    | COMES_WITH_NBFORMAT
+    | COMES_WITH_PYVISTA
+    | COMES_WITH_TRAME
+    | COMES_WITH_IPYWIDGETS
+    | USED_IF_PRESENT
+)
 HEAVY = {
     "anywidget",
     "ipywidgets",
@@ -190,7 +198,11 @@ def test_conda_environment_equals_the_requirements() -> None:
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
     if not (ROOT / folder).is_dir():
         pytest.skip(f"no folder {folder}")
-    plugin = set(_bounds(THE_PLUGIN["dependencies"][1:])) if folder in ("napari-deformnb", "tests") else set()
+    plugin = (
+        set(_bounds([*THE_PLUGIN["dependencies"][1:], *THE_PLUGIN["optional-dependencies"]["test"]]))
+        if folder in ("napari-deformnb", "tests")
+        else set()
+    )
     assert _imported(ROOT / folder) - set(_requirements(*extras)) - plugin == set()
 
 
@@ -251,6 +263,7 @@ OF_A_WHOLE_PACKAGE = {
     "io/test_fuzz.py": "random damage in every format",
     "io/test_round_trip.py": "every format, written and read",
     "io/test_metadata_mutations.py": "every field of metadata of every format",
+    "io/test_slicer.py": "the page about 3D Slicer, each row of its table",
     "io/test_format_table.py": "every format, and the program that agreed on it",
     "io/test_peers.py": "formats and the programs with which they are exchanged",
     "words/test_plain_english.py": "the English of all texts that users read",

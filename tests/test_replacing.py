@@ -117,6 +117,12 @@ def _unpacked(path: Path, **options: Any) -> None:
     dn.chunked.unpack(path.with_name("in.nrrd"), path, **options)
 
 
+def _markups(path: Path, **options: Any) -> None:
+    source = path.with_name(f"in{path.name[path.name.index('.') :]}")
+    dn.write_landmarks(MARKS, source)
+    dn.io.warp_markups(source, path, SHIFT, **options)
+
+
 def _studio(call: Callable[[dn.Studio], Any]) -> None:
     studio = dn.Studio(VOLUME)
     try:
@@ -133,6 +139,7 @@ REFUSERS: dict[str, tuple[str, Callable[..., Any]]] = {
     "Studio.embed": (".html", lambda path, **o: _studio(lambda studio: studio.embed(path, **o))),
     "EmbeddedPage.write": (".html", lambda path, **o: EmbeddedPage("<p>A carp</p>", "A carp").write(path, **o)),
     "replay": (".nrrd", _replay),
+    "warp_markups": (".mrk.json", _markups),
     "warp_series": (".nrrd", _series),
     "warp": (".zarr", lambda path, **o: dn.chunked.warp(VOLUME, SHIFT, path, **o)),
     "unpack": (".zarr", _unpacked),

@@ -484,8 +484,13 @@ def _follow_mesh(field: AbstractField, options: argparse.Namespace, stage: Stage
 
 def _follow_landmarks(field: AbstractField, options: argparse.Namespace, stage: Stage) -> None:
     from deformnb.io.landmarks.formats import read_landmarks, write_landmarks
+    from deformnb.io.landmarks.markups import is_markups, warp_markups
     from deformnb.warping.points import warp_landmarks
 
+    if is_markups(options.input) and is_markups(options.output):  # all that Slicer has set stays
+        stage("deform")
+        note(*warp_markups(options.input, options.output, field, overwrite=options.force))
+        return
     landmarks = read_landmarks(options.input)
     stage("deform")
     moved = warp_landmarks(landmarks, field)

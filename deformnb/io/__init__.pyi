@@ -6,6 +6,7 @@ from .landmarks.formats import LANDMARK_FORMATS as LANDMARK_FORMATS
 from .landmarks.formats import points_from_csv as points_from_csv
 from .landmarks.formats import read_landmarks as read_landmarks
 from .landmarks.formats import write_landmarks as write_landmarks
+from .landmarks.markups import warp_markups as warp_markups
 from .meshes.formats import MESH_FORMATS as MESH_FORMATS
 from .meshes.formats import read_mesh as read_mesh
 from .meshes.formats import write_mesh as write_mesh

@@ -383,7 +383,7 @@ class DeformVolumeWidget(QWidget):
                 self.layer_menu.addItem(one.name, one)
             wanted = [before, *(one for one in reversed(subjects) if one.visible), *subjects]
             wanted = [one for one in wanted if one in subjects]
-            if self.editor is not None:
+            if self.editor is not None and self.editor.layer in subjects:
                 wanted.insert(0, self.editor.layer)
             if wanted:
                 self.layer_menu.setCurrentIndex(subjects.index(wanted[0]))

@@ -54,6 +54,7 @@ CALLS: dict[str, tuple[Any, ...]] = {
     "read_transform": ("t.nrrd", GRID),
     "read_volume": ("a.nrrd",),
     "to_vtk_transform": (Identity(3), GRID),
+    "warp_markups": ("l.mrk.json", "m.mrk.json", Identity(3)),
     "write_channels": (CHANNELS, "c.nrrd"),
     "write_deformation": (dn.Deformation.from_space_points(POINTS), "d.json"),
     "write_landmarks": (Landmarks(np.zeros((2, 3))), "l.mrk.json"),

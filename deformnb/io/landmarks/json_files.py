@@ -137,7 +137,7 @@ def _read_markups(path: Path, lists: list[Any]) -> Landmarks:
         points = markup.get("controlPoints") if isinstance(markup, dict) else None
         if not isinstance(points, list):
             raise fail(path, "one of its markups has no list controlPoints.")
-        system, unit = is_ras(path, markup.get("coordinateSystem", "LPS")), _unit(path, markup)
+        system, unit = is_ras(path, markup.get("coordinateSystem", "LPS")), markup_unit(path, markup)
         first = first or unit
         scale = ratio(unit, first)
         for point in points:
@@ -156,7 +156,7 @@ def _read_markups(path: Path, lists: list[Any]) -> Landmarks:
     return from_slicer(path, names, places, active, ras, first)
 
 
-def _unit(path: Path, markup: dict[str, Any]) -> str:
+def markup_unit(path: Path, markup: dict[str, Any]) -> str:
     """The unit of a markup, which is a text or a code such as ["mm", "UCUM", "millimeter"]."""
     given = markup.get("coordinateUnits", "mm")
     word = given[0] if isinstance(given, list) and given else given
@@ -169,6 +169,12 @@ def _unit(path: Path, markup: dict[str, Any]) -> str:
 def _unknown_unit(path: Path, given: Any) -> VolumeFileError:
     return fail(path, f"its unit {printable(given, 40)} is not known; known are {', '.join(UNITS)}.")
 
+
+SCHEMA = (
+    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
+    "markups-schema-v1.0.3.json#"
+)
+"""Address of the schema of the markups that are written."""
 
 _ORIENTATION = [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0]  # the axes of RAS in LPS, which Morpho's reader needs
 
@@ -187,9 +193,5 @@ def write_markups(landmarks: Landmarks) -> str:
         }
         for k, (name, on, place) in enumerate(zip(landmarks.names, landmarks.active, landmarks.points, strict=True))
     ]
-    schema = (
-        "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
-        "markups-schema-v1.0.3.json#"
-    )
     markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm", "controlPoints": points}
-    return json.dumps({"@schema": schema, "markups": [markup]}, indent=1, ensure_ascii=False) + "\n"
+    return json.dumps({"@schema": SCHEMA, "markups": [markup]}, indent=1, ensure_ascii=False) + "\n"

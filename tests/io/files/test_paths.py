@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,12 @@ def _writer(name: str) -> Callable[[Any], Any]:
 def _refuser(name: str) -> Callable[[Any], Any]:
     suffix, write = REFUSERS[name]
     return lambda path: write(path(suffix))
+
+
+def _move_markups(target: Any) -> None:
+    with TemporaryDirectory() as folder:
+        dn.write_landmarks([[1, 2, 3]], f"{folder}/in.fcsv")
+        dn.io.warp_markups(f"{folder}/in.fcsv", target, SHIFT)
 
 
 CALLS: dict[str, Callable[[Any], Any]] = {
@@ -79,6 +86,8 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     ),
     "io.documents.write_deformation(path)": _writer("write_deformation"),
     "io.landmarks.formats.write_landmarks(path)": _writer("write_landmarks"),
+    "io.landmarks.markups.warp_markups(source)": lambda path: dn.io.warp_markups(path(".fcsv"), "b.fcsv", SHIFT),
+    "io.landmarks.markups.warp_markups(target)": lambda path: _move_markups(path(".mrk.json")),
     "io.meshes.formats.write_mesh(path)": _writer("write_mesh"),
     "io.movies.write_movie(path)": _writer("write_movie"),
     "io.transforms.formats.write_transform(path)": _writer("write_transform"),
