@@ -489,8 +489,8 @@ class LayerEditor(QObject):
         """A layer that is somewhere else now: the points stay with its tissue, in the document too."""
         if not self._is_closed and Subject(self.layer).grid != self.subject.grid:
             self.close(
-                f"The layer {self.layer.name!r} was moved or scaled, and its points are measured in its world: save "
-                "the session beforehand, and begin again."
+                f"The layer {self.layer.name!r} was moved or scaled, and the points are measured in its world: they "
+                "come back with the next start where the layer is as it was."
             )
 
     def _layer_removed(self, event: Any) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import napari
 from napari.utils.notifications import show_error, show_info, show_warning
-from qtpy.QtCore import QSignalBlocker, Qt
+from qtpy.QtCore import QEvent, QSignalBlocker, Qt
 from qtpy.QtWidgets import (
     QCheckBox,
     QComboBox,
@@ -30,10 +31,12 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from deformnb import Deformation
 from deformnb.errors import DeformError
 from deformnb.widgets.parameters import Choice, Number, parameters
 from napari_deformnb.editor import MODES, LayerEditor, Mode, describe
 from napari_deformnb.results import MOST_CELLS, VERTEX_KINDS, Result
+from napari_deformnb.subject import Subject
 
 CHOICES = ("kernel", "trend", "direction", "extrusion")
 """Settings with a menu, of the package's table of parameters."""
@@ -69,6 +72,7 @@ class DeformVolumeWidget(QWidget):
         super().__init__(parent)
         self.viewer = viewer
         self.editor: LayerEditor | None = None
+        self._finished = WeakKeyDictionary[Any, LayerEditor]()  # the last edits of each layer, to be continued
         self._build()
         for name in ("inserted", "removed", "reordered"):
             getattr(viewer.layers.events, name).connect(self._list_layers)
@@ -240,7 +244,7 @@ class DeformVolumeWidget(QWidget):
             return
         chosen: Mode = mode or self.mode_menu.currentData()
         try:
-            editor = LayerEditor(self.viewer, layer, chosen)
+            editor = LayerEditor(self.viewer, layer, chosen, self._document_of(layer, chosen))
         except DeformError as error:
             show_error(_sentence(str(error)))
             return
@@ -257,12 +261,28 @@ class DeformVolumeWidget(QWidget):
         self._list_layers()
         self._show_state()
 
+    def _document_of(self, layer: Any, mode: Mode) -> Deformation | None:
+        """The document that was made on a layer before, if it is where it was and points are in the same place."""
+        before = self._finished.get(layer)
+        if before is None or before.subject.grid != Subject(layer).grid:
+            return None
+        is_alike = before.subject.ndim == 2 or (before.plane is None) == (mode == "space")
+        return before.editing.deformation if is_alike else None
+
+    def event(self, event: Any) -> bool:
+        """End the edits where napari takes this widget out of its window."""
+        if event.type() == QEvent.Type.ParentChange and self.parent() is None:
+            self._end_quietly()
+        return bool(super().event(event))
+
     def stop(self) -> None:
-        """End the edits: the points go, the deformed layers stay."""
+        """End the edits: the points go, the deformed layers stay. The next start on the layer continues them."""
         if self.editor is not None:
             self.editor.close()
 
     def _editor_ended(self, reason: str) -> None:
+        if self.editor is not None:
+            self._finished[self.editor.layer] = self.editor
         self.editor = None
         self.status.setText("")
         if reason:
@@ -271,8 +291,9 @@ class DeformVolumeWidget(QWidget):
         self._show_state()
 
     def _end_quietly(self, *_: Any) -> None:
-        if self.editor is not None:
-            self.editor.close()
+        editor = getattr(self, "editor", None)  # events come while the widget is made, too
+        if editor is not None:
+            editor.close()
 
     def _toggle(self) -> None:
         if self.editor is None:

@@ -65,7 +65,7 @@ def viewer(display: None, _settings: None, request: pytest.FixtureRequest) -> It
     QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
     QApplication.processEvents()
     del made
-    gc.collect()  # in this thread: Qt ends the process where another one destroys its widgets
+    gc.collect(1)  # in this thread: Qt ends the process where another one destroys its widgets
 
 
 @pytest.fixture

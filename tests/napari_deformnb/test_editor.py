@@ -67,7 +67,8 @@ def test_a_dragged_point_gives_the_package_s_own_result(
     assert not editor.layer.visible
 
 
-@pytest.mark.parametrize("order", [(0, 1, 2), (1, 0, 2), (2, 0, 1)])
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("order", [(2, 0, 1), (0, 1, 2), (1, 0, 2)])
 def test_a_drag_on_a_slice_is_extruded(
     make_editor: Any, add_volume: Any, viewer: Any, ball: dn.Volume, wait: Wait, order: tuple[int, int, int]
 ) -> None:
@@ -97,6 +98,7 @@ def test_a_drag_on_a_slice_is_extruded(
     assert (expected.values != ball.values).mean() > 0.05
 
 
+@pytest.mark.nightly
 def test_points_of_a_slice_go_with_the_slice_that_is_shown(
     make_editor: Any, add_volume: Any, viewer: Any, ball: dn.Volume
 ) -> None:
@@ -228,6 +230,7 @@ def test_the_slice_follows_a_drag_and_the_rest_comes_at_its_end(
         target.refresh()
         wait(lambda: not editor.is_busy)
     assert editor.editing.deformation is document
+    assert np.array_equal(editor.layer.data, ball.values)  # the slices are written into the result alone
     points = editor.editing.points.move(8, ball.grid.index_to_point([14, 11, 6]))
     expected = dn.Deformation.from_space_points(points).apply(ball).values
     assert np.array_equal(editor.deformed.data[6], expected[6])
@@ -266,6 +269,7 @@ def test_pictures_and_colours_and_labels(make_editor: Any, viewer: Any, wait: Wa
     assert np.array_equal(editor.deformed.data, expected.apply(labels).values[0])
 
 
+@pytest.mark.nightly
 def test_settings_of_the_fit(make_editor: Any, add_volume: Any, ball: dn.Volume, wait: Wait) -> None:
     editor = make_editor(add_volume(ball), "slice")
     target = editor.pairs.sides["target"]
@@ -336,6 +340,7 @@ def editor_place(layer: Any) -> dict[str, Any]:
     return {name: getattr(layer, name) for name in ("scale", "translate", "units")}
 
 
+@pytest.mark.nightly
 def test_a_document_is_saved_and_opened(
     make_editor: Any, add_volume: Any, ball: dn.Volume, wait: Wait, tmp_path: Path
 ) -> None:
@@ -387,6 +392,7 @@ def test_removed_layers_end_what_needs_them_and_no_thread_is_left(
     threads.wait()
 
 
+@pytest.mark.nightly
 def test_results_that_are_removed_are_not_computed(
     make_editor: Any, add_volume: Any, viewer: Any, ball: dn.Volume, wait: Wait
 ) -> None:
@@ -407,6 +413,7 @@ def test_results_that_are_removed_are_not_computed(
     assert editor.deformed is None
 
 
+@pytest.mark.nightly
 def test_other_voxels_in_the_layer_are_deformed_and_another_place_ends_it(
     make_editor: Any, add_volume: Any, ball: dn.Volume, wait: Wait
 ) -> None:
@@ -425,6 +432,7 @@ def test_other_voxels_in_the_layer_are_deformed_and_another_place_ends_it(
     assert "was moved or scaled" in reasons[0]
 
 
+@pytest.mark.nightly
 def test_a_cancelled_computation_leaves_the_layers(
     make_editor: Any, add_volume: Any, ball: dn.Volume, wait: Wait
 ) -> None:
@@ -442,6 +450,7 @@ def test_a_cancelled_computation_leaves_the_layers(
     assert not np.array_equal(editor.deformed.data, before)
 
 
+@pytest.mark.nightly
 def test_pairs_of_two_layers_are_taken(make_editor: Any, add_volume: Any, viewer: Any, ball: dn.Volume) -> None:
     editor = make_editor(add_volume(ball))
     a = viewer.add_points([[42.5, -6.5, 22.0]], units=("mm",) * 3)

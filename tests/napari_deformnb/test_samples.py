@@ -22,6 +22,13 @@ def test_the_manifest_has_all_of_them() -> None:
     assert [row["key"] for row in rows] == [*PHANTOMS, *PLATES]
 
 
+def test_a_sample_is_opened_by_napari(viewer: Any) -> None:
+    pytest.importorskip("npe2")
+    [layer] = viewer.open_sample("napari-deformnb", "polyprion")
+    assert layer.name == "Polyprion (Thompson 1917)"
+    assert layer.data.shape == dn.datasets.thompson_plate("Polyprion").values.shape
+
+
 @pytest.mark.parametrize("name", PLATES)
 def test_a_plate_is_at_the_place_of_its_grid(name: str) -> None:
     [(data, attributes, kind)] = getattr(samples, name)()
@@ -31,6 +38,7 @@ def test_a_plate_is_at_the_place_of_its_grid(name: str) -> None:
     assert attributes["translate"] == plate.raster.origin[::-1]
 
 
+@pytest.mark.nightly
 def test_a_phantom_comes_with_its_labels(viewer: Any) -> None:
     pytest.importorskip("npe2")
     viewer.open_sample("napari-deformnb", "abdomen")

@@ -255,5 +255,32 @@ def test_a_closed_window_ends_the_thread(add_volume: Any, viewer: Any, ball: dn.
     wait(lambda: not widget.editor.is_busy)
     assert threads.alive
     viewer.window.remove_dock_widget(widget)
-    widget.stop()
+    wait(lambda: widget.editor is None)
     threads.wait()
+
+
+def test_a_new_start_continues_where_the_layer_is_as_it_was(
+    widget: DeformVolumeWidget, add_volume: Any, ball: dn.Volume, messages: list[str], wait: Wait
+) -> None:
+    layer = add_volume(ball)
+    widget.start(layer, "space")
+    assert widget.editor is not None
+    widget.editor.pairs.sides["target"].add([6, 9, 12])
+    points = widget.editor.editing.points
+    widget.stop()
+    widget.start(layer, "space")
+    assert widget.editor is not None
+    assert widget.editor.editing.points == points
+    scale = layer.scale
+    layer.scale = (1, 1, 1)
+    assert "was moved or scaled" in messages[-1]
+    assert widget.editor is None
+    widget.start(layer, "space")
+    assert widget.editor is not None
+    assert len(widget.editor.editing.points) == 8
+    widget.stop()
+    layer.scale = scale
+    widget.start(layer, "slice")
+    assert widget.editor is not None
+    assert len(widget.editor.editing.points) == 4
+    _rest(widget, wait)
