@@ -124,7 +124,7 @@ def test_the_extras_of_users_are_listed_once() -> None:
         for target in re.findall(r"pip install (?:-U )?([^\n`#]*?)(?=\s*[`#\n]|\" )", path.read_text(encoding="utf-8")):
             for one in re.findall(r"(?:\.|\./core|deformnb-core)\[([\w,]+)\]", target):
                 named.setdefault(path.name, set()).update(one.split(","))
-            is_public = re.search(r"\bdeformnb(?!-core\[)", target) is not None
+            is_public = re.search(r"(?<![\w./-])deformnb(?!-core\[)", target) is not None
             assert not is_public or PUBLIC["install"] == "deformnb", f"{path.name}: it is on no index yet: {target}"
     parts = set(re.findall(r"^\|.*\| `pip install \"deformnb-core\[(\w+)\]\"` \|$", text, re.MULTILINE))
     assert PROJECT["tool"]["deformnb"]["core"] == f"deformnb-core[{','.join(sorted(parts))}]"
