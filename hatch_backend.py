@@ -85,4 +85,9 @@ def _read_config(*, core: str | None = None) -> dict[str, Any]:
         place = f"=={project['version']}" if core is None else f" @ {(TREE / core).as_uri()}"
         project["dynamic"].remove("dependencies")
         project["dependencies"] = [f"{config['tool']['deformnb']['core']}{place}"]
+        # The extras too: pip may come to them first, and would ask an index for what a clone has.
+        project["optional-dependencies"] = {
+            extra: [line + place if line.startswith("deformnb-core[") else line for line in lines]
+            for extra, lines in project["optional-dependencies"].items()
+        }
     return config
