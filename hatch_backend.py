@@ -85,6 +85,8 @@ def _read_config(*, core: str | None = None) -> dict[str, Any]:
         place = f"=={project['version']}" if core is None else f" @ {(TREE / core).as_uri()}"
         project["dynamic"].remove("dependencies")
         project["dependencies"] = [f"{config['tool']['deformnb']['core']}{place}"]
+        if core is not None:  # without extras first: of this pip knows the folder when the lessons require the core
+            project["dependencies"].insert(0, f"deformnb-core{place}")
         # The extras too: pip may come to them first, and would ask an index for what a clone has.
         project["optional-dependencies"] = {
             extra: [line + place if line.startswith("deformnb-core[") else line for line in lines]

@@ -653,7 +653,7 @@ def test_version_is_one_and_in_the_changelog() -> None:
     for project in (PROJECT, CORE, THE_LESSONS, THE_PLUGIN):
         assert project["version"] == deformnb.__version__
     assert THE_PLUGIN["dependencies"][0] == f"deformnb-core=={deformnb.__version__}"
-    assert THE_LESSONS["dependencies"] == [f"deformnb=={deformnb.__version__}"]
+    assert THE_LESSONS["dependencies"] == [f"deformnb-core=={deformnb.__version__}"]
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.search(rf"^## \[{re.escape(PROJECT['version'])}\]", changes, re.MULTILINE)
 
