@@ -31,10 +31,10 @@ def run_on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: 
         try:
             numbered: dict[Any, int] = {}
             while True:
-                while len(waiting) < threads and (number := next(following, None)) is not None:
-                    future = pool.submit(work, number)
+                while len(waiting) < threads and (upcoming := next(following, None)) is not None:
+                    future = pool.submit(work, upcoming)
                     waiting.add(future)
-                    numbered[future] = number
+                    numbered[future] = upcoming
                 if not waiting:
                     return
                 finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
