@@ -28,11 +28,10 @@ from deformnb.io.files.errors import Damage, fail, printable
 from deformnb.io.files.objects import copied_from_disk, copied_to_disk, is_open_file, name_for
 from deformnb.io.files.paths import as_path, named_path, regular_file
 from deformnb.io.files.texts import LONGEST_TABLE, decode_text
-from deformnb.io.landmarks.coordinates import coordinates
+from deformnb.io.landmarks.fcsv import format_fcsv, read_fcsv_points
 from deformnb.io.landmarks.json_files import (
     detect_landmarks,
     from_slicer,
-    is_ras,
     read_json,
     write_bigwarp_json,
     write_markups,
@@ -55,7 +54,6 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.warping.points import Landmarks, LandmarksLike, as_landmarks
 
 _LONGEST = 1 << 26  # bytes: some hundred thousand landmarks
-_FCSV_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
 
 
 @dataclass(frozen=True)
@@ -215,42 +213,16 @@ def _read_text(path: Path, text: str) -> Landmarks:
 
 
 def _read_fcsv(path: Path, text: str) -> Landmarks:
-    ras, columns = True, _FCSV_COLUMNS.split(",")
-    names, places, active = list[str](), list[list[float]](), list[bool]()
-    reader = csv.reader(io.StringIO(text))
-    for row in reader:
-        if not row:
-            continue
-        key, _, value = row[0].lstrip("# ").partition("=")
-        if row[0].startswith("#"):
-            if key.strip() == "CoordinateSystem":
-                ras = is_ras(path, value.strip())
-            elif key.strip() == "columns":
-                columns = [value.strip(), *(c.strip() for c in row[1:])]
-            continue
-        found = dict(zip(columns, row, strict=False))
-        places.append([_fcsv_coordinate(path, found, axis, reader.line_num, columns) for axis in "xyz"])
-        names.append(found.get("label", ""))
-        active.append(found.get("sel", "1").strip() != "0")
-    return from_slicer(path, names, places, active, [ras] * len(names))
-
-
-def _fcsv_coordinate(path: Path, found: dict[str, str], axis: str, line: int, columns: list[str]) -> float:
-    number = columns.index(axis) + 1 if axis in columns else None
-    if axis not in found:
-        where = f"line {line}" if number is None else f"line {line}, column {number}"
-        raise fail(path, f"{where}: nothing is given where {axis} is expected.")
-    return coordinates(path, [found[axis]], f"line {line}", number)[0]
+    points = list(read_fcsv_points(path, text))
+    names = [found.get("label", "") for found, _, _ in points]
+    active = [found.get("sel", "1").strip() != "0" for found, _, _ in points]
+    return from_slicer(path, names, [place for _, place, _ in points], active, [ras for _, _, ras in points])
 
 
 def _write_fcsv(landmarks: Landmarks) -> str:
-    out = io.StringIO()
-    out.write(f"# Markups fiducial file version = 5.6\n# CoordinateSystem = LPS\n# columns = {_FCSV_COLUMNS}\n")
-    writer = csv.writer(out, lineterminator="\n")
     assert landmarks.active is not None
-    for k, (name, on, place) in enumerate(zip(landmarks.names, landmarks.active, landmarks.points, strict=True)):
-        writer.writerow([k + 1, *map(repr, place.tolist()), 0, 0, 0, 1, 1, int(on), 0, name, "", ""])
-    return out.getvalue()
+    rows = zip(landmarks.names, landmarks.active, landmarks.points.tolist(), strict=True)
+    return format_fcsv((k, place, (1, int(on), 0), (name, "", "")) for k, (name, on, place) in enumerate(rows, 1))
 
 
 LANDMARK_FORMATS: dict[str, LandmarkFormat] = {

@@ -7,8 +7,6 @@ markups schema 1.0.3 and of its .fcsv files.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Callable
 from os import PathLike
@@ -25,6 +23,7 @@ from deformnb.io.files.errors import Damage, fail
 from deformnb.io.files.paths import as_path, regular_file
 from deformnb.io.files.texts import decode_text
 from deformnb.io.landmarks.coordinates import coordinates
+from deformnb.io.landmarks.fcsv import format_fcsv, read_fcsv_points
 from deformnb.io.landmarks.json_files import SCHEMA, is_ras, markup_unit
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.units import ratio
@@ -34,7 +33,6 @@ from deformnb.warping.points import Landmarks, unit_factor, warp_points
 MARKUP_SUFFIXES = (".mrk.json", ".fcsv")
 """Suffixes of the files of markups, which are written from each other."""
 
-_COLUMNS = ("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label", "desc", "associatedNodeID")
 _TO_LPS = np.diag([-1.0, -1.0, 1.0])
 _COMPUTED = ("value", "controlPointValues")  # of measurements, which Slicer computes again
 
@@ -186,20 +184,9 @@ def _from_json(path: Path, text: str) -> dict[str, Any]:
 
 def _from_fcsv(path: Path, text: str) -> dict[str, Any]:
     """A list of points as the markups that Slicer makes of it."""
-    system, columns, points = "RAS", list(_COLUMNS), []
-    reader = csv.reader(io.StringIO(text))
-    for row in reader:
-        if not row:
-            continue
-        key, _, value = row[0].lstrip("# ").partition("=")
-        if row[0].startswith("#"):
-            if key.strip() == "CoordinateSystem":
-                system = "RAS" if is_ras(path, value.strip()) else "LPS"
-            elif key.strip() == "columns":
-                columns = [value.strip(), *(one.strip() for one in row[1:])]
-            continue
-        found = dict(zip(columns, row, strict=False))
-        position = coordinates(path, [found.get(axis, "") for axis in "xyz"], f"line {reader.line_num}")
+    system, points = "RAS", []
+    for found, position, ras in read_fcsv_points(path, text):
+        system = "RAS" if ras else "LPS"
         points.append(
             {
                 "id": found.get("id", ""),
@@ -224,19 +211,13 @@ def _to_fcsv(path: Path, data: dict[str, Any]) -> str:
         raise fail(path, f"an .fcsv holds one list of points, and the file has {kinds}; write an .mrk.json.")
     markup = lists[0]
     scale = ratio(markup_unit(path, markup), "mm")
-    out = io.StringIO()
-    system = "RAS" if is_ras(path, markup.get("coordinateSystem", "LPS")) else "LPS"
-    out.write(
-        f"# Markups fiducial file version = 5.6\n# CoordinateSystem = {system}\n# columns = {','.join(_COLUMNS)}\n"
-    )
-    writer = csv.writer(out, lineterminator="\n")
+    rows = []
     for number, point in enumerate(markup["controlPoints"], 1):
         if point.get("positionStatus", "defined") == "undefined":
             continue
-        place = [repr(scale * float(value)) for value in point["position"]]
         flags = [
             int(point.get(name, usual)) for name, usual in (("visibility", True), ("selected", True), ("locked", False))
         ]
         texts = [point.get(name, "") for name in ("label", "description", "associatedNodeID")]
-        writer.writerow([point.get("id") or number, *place, 0, 0, 0, 1, *flags, *texts])
-    return out.getvalue()
+        rows.append((point.get("id") or number, [scale * float(value) for value in point["position"]], flags, texts))
+    return format_fcsv(rows, "RAS" if is_ras(path, markup.get("coordinateSystem", "LPS")) else "LPS")
