@@ -59,9 +59,12 @@ def test_a_face_is_widened_on_both_sides(page: Any, face_app: RunningApp) -> Non
     press(page, "m")
     press(page, "ArrowLeft", 3)  # and outwards, as does its partner
     wait_until(lambda: len(editing.points) == len(before) + 2)
-    wait_until(lambda: np.abs((editing.points.target - editing.points.source)[-2:, 0]).min() > 0)
-    moves = (editing.points.target - editing.points.source)[-2:]
-    assert moves[0] == pytest.approx(moves[1] * [-1, 1], abs=1e-6)
+
+    def are_mirrored() -> bool:  # once the last of the keys has come
+        one, other = (editing.points.target - editing.points.source)[-2:]
+        return abs(one[0]) > 0 and one == pytest.approx(other * [-1, 1], abs=1e-6)
+
+    wait_until(are_mirrored)
     sources = editing.points.source[-2:]
     assert sources[0, 1] == pytest.approx(sources[1, 1], abs=1e-6)
     apart, apart_before = (np.ptp(places[-2:, 0]) for places in (editing.points.target, editing.points.source))

@@ -475,7 +475,7 @@ def test_the_encoder_itself_meets_a_full_disk(tmp_path: Path) -> None:
 
 def test_mp4_without_the_encoder_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(MissingPackageError, match=r"pip install 'deformnb\[movie\]'"):
+    with pytest.raises(MissingPackageError, match=r'pip install "deformnb-core\[movie\]"'):
         write_movie(tmp_path / "a.mp4", shades(2))
     assert list(tmp_path.iterdir()) == []
 

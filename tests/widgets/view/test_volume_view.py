@@ -541,8 +541,8 @@ def test_where_folds_are_not_shown_it_is_said(open_view: Any) -> None:
 def test_a_transport_that_is_unknown_or_not_installed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(DeformError, match="unknown transport 'pigeon'; choose one of comm, trame"):
         VolumeView(transport="pigeon")
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(DeformError, match=r"pip install .deformnb\[app\]."):
+    monkeypatch.setattr("deformnb.widgets.view.volume_view.find_spec", lambda name: None)
+    with pytest.raises(DeformError, match=r"pip install .deformnb-core\[app\]."):
         VolumeView(transport="trame")
 
 
@@ -571,7 +571,7 @@ def test_pictures_go_by_the_transport_and_the_page_hears_where(
     open_view: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setitem(TRANSPORTS, "trame", Carrier)
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: True)
+    monkeypatch.setattr("deformnb.widgets.view.volume_view.find_spec", lambda name: True)
     view = open_view(method="core", transport="trame")
     view.say(type="hello", **PAGE, origin="http://nb:1")
     assert {"type": "trame", "view": "a", "url": "http://127.0.0.1:2/"} in [c for c, _ in view.__dict__["out"]]
