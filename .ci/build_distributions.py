@@ -9,7 +9,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tarfile
 import tempfile
 from pathlib import Path
 
@@ -27,8 +26,7 @@ def main(folder: Path, *options: str) -> None:
         with tempfile.TemporaryDirectory() as scratch:
             build(ROOT / name, Path(scratch), "--sdist", *options)
             (archive,) = Path(scratch).iterdir()
-            with tarfile.open(archive) as packed:
-                packed.extractall(scratch, filter="data")
+            shutil.unpack_archive(archive, scratch)
             tree = Path(scratch) / archive.name.removesuffix(".tar.gz")
             folder.mkdir(parents=True, exist_ok=True)
             shutil.copy(archive, folder)

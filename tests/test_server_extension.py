@@ -132,7 +132,7 @@ def test_voila_on_its_own_takes_the_class_by_name() -> None:
 
 
 def test_the_installed_file_names_an_extension() -> None:
-    tables = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    tables = tomllib.loads((ROOT / "core" / "pyproject.toml").read_text(encoding="utf-8"))
     wheel = tables["tool"]["hatch"]["build"]["targets"]["wheel"]
     ((folder, target),) = wheel["shared-data"].items()
     assert target == "etc/jupyter"
