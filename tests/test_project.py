@@ -644,6 +644,18 @@ def test_docstrings_begin_with_a_noun_phrase_or_an_imperative() -> None:
     assert found == []
 
 
+def test_no_word_of_a_docstring_ends_in_an_underscore() -> None:
+    """In reStructuredText it would be a link to nowhere, which stops the build of the documentation."""
+    found = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in _nodes(path):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module):
+                prose = (ast.get_docstring(node) or "").partition("\nExamples\n")[0]
+                prose = re.sub(r"``.*?``|`[^`]*`_?", "", prose, flags=re.DOTALL)
+                found += [f"{path}: {word}" for word in re.findall(r"(?<![\w`])\w*[A-Za-z0-9]_(?=[\s.,;:)]|$)", prose)]
+    assert found == []
+
+
 @pytest.mark.parametrize("folder", ["lessons", "napari-deformnb"])
 def test_each_distribution_comes_with_the_same_licence(folder: str) -> None:
     assert (ROOT / folder / "LICENSE").read_text("utf-8") == (ROOT / "LICENSE").read_text("utf-8")

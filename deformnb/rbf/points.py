@@ -364,8 +364,8 @@ class ControlPoints(AbstractNamedPoints[ControlPoint], AbstractCellOutput):
     def to_pandas(self) -> Any:
         """A ``pandas.DataFrame`` with a row for each point, by id, and the unit in its ``attrs``.
 
-        Its columns are name, source_a and source_b on a picture or source_x to source_z in space, target_... alike,
-        active, weight, locked and radius (NaN for that of all).
+        Its columns are name, source_a and source_b on a picture or source_x to source_z in space, those of the target
+        alike, active, weight, locked and radius (NaN for that of all).
 
         Examples
         --------
