@@ -289,6 +289,10 @@ def test_functions_of_numpy_that_move_no_voxels_keep_the_grid() -> None:
     kept = {
         "clip": np.clip(volume, 2, 5),
         "round": np.round(volume, -1),
+        "around": np.around(volume, -1),
+        "select": np.select([volume > 3], [volume], 0),
+        "interp": np.interp(volume, [0, 7], [0.0, 1.0]),
+        "digitize": np.digitize(volume, [2, 5]),
         "where": np.where(volume > 3, volume, 0),
         "nan_to_num": np.nan_to_num(volume),
         "isin": np.isin(volume, [1, 2]),
@@ -300,6 +304,8 @@ def test_functions_of_numpy_that_move_no_voxels_keep_the_grid() -> None:
         assert isinstance(found, dn.Volume), name
         assert found.grid == volume.grid, name
     assert kept["clip"].values.ravel().tolist() == [2, 2, 2, 3, 4, 5, 5, 5]
+    assert kept["select"].values.tolist() == kept["where"].values.tolist()
+    assert kept["digitize"].values.ravel().tolist() == [0, 0, 1, 1, 1, 2, 2, 2]
     assert kept["where"].values.ravel().tolist() == [0, 0, 0, 0, 4, 5, 6, 7]
     assert kept["full_like"].values.ravel().tolist() == [7] * 8
     for moved in (np.flip(volume), np.roll(volume, 1), np.sort(volume), np.rot90(volume), np.cumsum(volume, axis=0)):

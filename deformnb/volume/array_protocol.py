@@ -94,7 +94,12 @@ def _written(part: slice) -> str:
     return f"{start}:{stop}" + ("" if part.step is None else f":{part.step}")
 
 
-_ELEMENTWISE = frozenset({np.clip, np.isclose, np.isin, np.nan_to_num, np.real_if_close, np.round, np.sinc, np.where})
+_ELEMENTWISE = frozenset(
+    {
+        *(np.around, np.clip, np.digitize, np.interp, np.isclose, np.isin, np.isneginf, np.isposinf, np.nan_to_num),
+        *(np.real, np.real_if_close, np.round, np.select, np.sinc, np.where),
+    }
+)
 _LIKE = frozenset({np.empty_like, np.full_like, np.ones_like, np.zeros_like})
 
 KEEPS_PLACE = _ELEMENTWISE | _LIKE

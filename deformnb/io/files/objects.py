@@ -52,8 +52,10 @@ def copied_to_disk(file: BinaryIO, name: str) -> Iterator[Path]:
     Raises
     ------
     VolumeFileError
-        If it gives no bytes, or takes more than half of the free disk.
+        If it gives no bytes, takes more than half of the free disk, or should be a folder (Zarr).
     """
+    if name.lower().endswith(".zarr"):
+        raise VolumeFileError("a folder of Zarr is not one file, and an open file is one: name its path or address.")
     with tempfile.TemporaryDirectory(prefix="deformnb-") as folder:
         path, room = Path(folder) / name, free_share(Path(folder))
         with path.open("wb") as target:

@@ -117,6 +117,9 @@ def test_an_open_file_needs_a_format_and_bytes() -> None:
         dn.read_volume(io.StringIO("NRRD0004"), suffix=".nrrd")  # type: ignore[arg-type]
     with pytest.raises(VolumeFileError):
         dn.read_volume(io.BytesIO(b"damaged"), suffix=".nii")
+    for read in (dn.read_volume, dn.read_transform):
+        with pytest.raises(VolumeFileError, match="a folder of Zarr is not one file"):
+            read(io.BytesIO(b""), suffix=".zarr")
 
 
 @pytest.mark.parametrize("suffix", [".zarr", ".nhdr", ".mhd", ".npy"])
