@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -124,6 +125,29 @@ def _nan_allowed_where_marked(request: pytest.FixtureRequest) -> Iterator[None]:
 
     with jax.debug_nans(False):
         yield
+
+
+@pytest.fixture(scope="session")
+def x_display() -> Iterator[str]:
+    """The name of an X display, for ``DISPLAY``: the user's, or one of Xvfb; "" where windows need none."""
+    if not sys.platform.startswith("linux") or os.environ.get("DISPLAY"):
+        yield os.environ.get("DISPLAY", "")
+        return
+    program = shutil.which("Xvfb")
+    if program is None:
+        pytest.skip("a window needs a display: apt-get install xvfb")
+    end, start = os.pipe()
+    command = [program, "-displayfd", str(start), "-screen", "0", "1600x1100x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(
+        command, pass_fds=[start], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    os.close(start)
+    try:
+        with os.fdopen(end) as answer:
+            yield ":" + answer.readline().strip()
+    finally:
+        server.terminate()
+        server.wait()
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cache
 from importlib.util import find_spec
@@ -23,6 +24,7 @@ from deformnb._packages import install_command
 from deformnb._typing import Image
 from deformnb.errors import DeformError
 from deformnb.imaging.camera import Camera
+from deformnb.imaging.gl_context import WINDOW_CLASS, separate_from_glx, use_window_class
 from deformnb.volume.transfer import TransferFunction, typical_range
 from deformnb.volume.volume import Grid, Volume
 
@@ -45,7 +47,7 @@ def gl_status() -> tuple[bool, str, str]:
     if find_spec("vtkmodules") is None:
         return False, "VTK is not installed", f"{install_command('vtk')}; until then choose the renderer core"
     for name in _WINDOWS:
-        environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": name}
+        environment = {**os.environ, WINDOW_CLASS: name}
         try:
             run = subprocess.run(
                 [sys.executable, "-c", _PROBE],
@@ -59,8 +61,6 @@ def gl_status() -> tuple[bool, str, str]:
         except (OSError, subprocess.TimeoutExpired):
             continue
         if run.returncode == 0:
-            # Before the first window of this process: saves VTK's search for an X server and its warning.
-            os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", name)
             return True, run.stdout.strip().splitlines()[-1] if run.stdout.strip() else name, ""
     return False, "VTK cannot draw off screen: no OpenGL library was found", _REMEDY
 
@@ -95,7 +95,8 @@ class VolumeWindow:
         import pyvista
 
         # One lamp at the camera: the three of pyvista's kit dim surfaces that face the viewer, and tint them.
-        plotter: Any = pyvista.Plotter(off_screen=True, window_size=[8, 8], lighting="none")
+        with use_window_class(gl_status()[1]):
+            plotter: Any = pyvista.Plotter(off_screen=True, window_size=[8, 8], lighting="none")
         plotter.add_light(pyvista.Light(light_type="headlight"))
         plotter.render_window.SetMultiSamples(0)  # smooths edges of meshes, of which most scenes have none
         self._renderers = plotter.render_window.GetRenderers().GetNumberOfItems()
@@ -104,6 +105,10 @@ class VolumeWindow:
         self.actor: Any = None
         self._grid: Grid | None = None
         self._range: tuple[float, float] | None = None  # the widest of the voxels in one actor
+
+    def context(self) -> AbstractContextManager[None]:
+        """A block in which its OpenGL context can be current, beside those of other programs in the same thread."""
+        return separate_from_glx(self.plotter.render_window.ReleaseCurrent)
 
     def set_background(self, background: Sequence[float]) -> None:
         """Set the background colour."""
@@ -196,7 +201,8 @@ class VolumeWindow:
                 return None
             if before is not None:
                 before(size[1] - bottom)
-            parts.append(self._band(camera, size, top, bottom))
+            with self.context():
+                parts.append(self._band(camera, size, top, bottom))
             if progress is not None:
                 progress(len(parts) / count)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
@@ -237,8 +243,9 @@ class VolumeWindow:
 
     def close(self) -> None:
         """Release the window and all memory of the GPU."""
-        self.unload()
-        self.plotter.close()
+        with self.context():
+            self.unload()
+            self.plotter.close()
 
 
 def _pixels(window: Any) -> Image:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
-import shutil
-import subprocess
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -24,25 +21,14 @@ with warnings.catch_warnings():  # of napari's own imports, which are not ours t
         import_module(_module)
 
 
-@pytest.fixture(scope="session")
-def display() -> Iterator[None]:
-    """A display for Qt and OpenGL: the one that there is, or Xvfb's."""
-    if not sys.platform.startswith("linux") or os.environ.get("DISPLAY"):
+@pytest.fixture(scope="module")
+def display(x_display: str) -> Iterator[None]:
+    """A display for Qt, which finds it in the environment when it makes the first window."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DISPLAY", x_display)
+        if sys.platform.startswith("linux"):
+            patch.setenv("QT_QPA_PLATFORM", "xcb")
         yield
-        return
-    program = shutil.which("Xvfb")
-    if program is None:
-        pytest.skip("napari needs a display: apt-get install xvfb")
-    end, start = os.pipe()
-    command = [program, "-displayfd", str(start), "-screen", "0", "1600x1100x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, pass_fds=[start], stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    os.close(start)
-    with os.fdopen(end) as answer, pytest.MonkeyPatch.context() as patch:
-        patch.setenv("DISPLAY", ":" + answer.readline().strip())
-        patch.setenv("QT_QPA_PLATFORM", "xcb")
-        yield
-    server.terminate()
-    server.wait()
 
 
 @pytest.fixture(scope="session")

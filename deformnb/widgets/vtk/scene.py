@@ -307,6 +307,7 @@ class ShaderMaps:
         self.warp: VolumeWarp | None = None
         self.maps: FieldTextures | None = None
         self._loaded: FieldTextures | None = None  # the part in the shader
+        self._window: VolumeWindow | None = None
 
     def maps_of(self, field: AbstractField, volume: Volume, output: Grid | None) -> FieldTextures | None:
         """The maps of a field; None where the shader does not show them rightly.
@@ -324,20 +325,24 @@ class ShaderMaps:
         """Take the shader of a window's present content."""
         render_window = window.plotter.render_window
         render_window.SetSize(8, 8)
-        render_window.Render()  # makes the context that textures live in
-        self.warp = VolumeWarp(window.actor, render_window)
+        with window.context():
+            render_window.Render()  # makes the context that textures live in
+            self.warp = VolumeWarp(window.actor, render_window)
+        self._window = window
 
     def load(self, voxels: SceneVoxels) -> None:
         """Have the shader sample the maps in these voxels."""
-        if self.warp is not None and self.maps is not self._loaded:
-            self.warp.set_maps(self.maps, voxels.lattice, voxels.first)
+        if self.warp is not None and self._window is not None and self.maps is not self._loaded:
+            with self._window.context():
+                self.warp.set_maps(self.maps, voxels.lattice, voxels.first)
             self._loaded = self.maps
 
     def close(self) -> None:
         """Release the memory of the GPU."""
-        if self.warp is not None:
-            self.warp.close()
-        self.warp = self.maps = self._loaded = None
+        if self.warp is not None and self._window is not None:
+            with self._window.context():
+                self.warp.close()
+        self.warp = self.maps = self._loaded = self._window = None
 
 
 class VtkScene:
