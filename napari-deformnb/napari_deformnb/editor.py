@@ -289,7 +289,7 @@ class LayerEditor(QObject):
         for layer in self.others:
             try:
                 has_voxels = layer.as_layer_data_tuple()[2] in ("image", "labels")
-                others.append((layer.name, layer.as_layer_data_tuple(), Subject(layer) if has_voxels else None))
+                others.append((layer, layer.as_layer_data_tuple(), Subject(layer) if has_voxels else None))
             except DeformError as error:
                 problems.append(str(error))
 
@@ -300,10 +300,10 @@ class LayerEditor(QObject):
                 field = deformation.field(subject.grid)
                 result = calculator.check(deformation, field, deformation.output or subject.grid)
             made, wrong = {}, list(problems)
-            for key, data, other in others:
+            for layer, data, other in others:
                 progress(1.0)
                 try:
-                    made[key] = deform_layer(data, subject, deformation, other)
+                    made[layer] = deform_layer(data, subject, deformation, other)
                 except DeformError as error:
                     wrong.append(str(error))
             lines = grid_lines(subject, deformation, part, cells) if cells else None
@@ -421,7 +421,7 @@ class LayerEditor(QObject):
 
     def _show_others(self, result: Result) -> None:
         for layer in list(self.others):
-            made = result.others.get(layer.name)
+            made = result.others.get(layer)
             if made is None:
                 continue
             shown = self.others[layer]

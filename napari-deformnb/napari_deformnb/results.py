@@ -61,7 +61,7 @@ class Result:
     layer : the whole deformed layer, where the result is full.
     part : the slice of ``array``; None where ``array`` is whole.
     lines : (N, 2, ndim) pieces of the grid, a place and a direction each.
-    others : results of other layers by their names.
+    others : results of other layers by these layers, whose names may change meanwhile.
     problems : sentences on other layers that could not be deformed.
     warnings : on the map: folds in tissue, tissue that leaves the box, and probable mistakes.
     notes : on the fits and the layer.
@@ -71,7 +71,7 @@ class Result:
     layer: LayerData | None = None
     part: VisiblePart | None = None
     lines: NDArray[np.float64] | None = None
-    others: dict[str, LayerData] = field(default_factory=dict)
+    others: dict[Any, LayerData] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -104,7 +104,8 @@ class Calculator:
             start[part.axis], shape[part.axis] = part.position, 1
             one = grid.crop((start[0], start[1], start[2]), (shape[0], shape[1], shape[2]))
             results = self._warp(field, one, progress, cache=False)
-            return Result(array=self.subject.to_array(results).squeeze(part.axis), part=part)
+            array = self.subject.to_array(results)
+            return Result(array=array.squeeze(part.axis) if self.subject.ndim == 3 else array, part=part)
         factor = coarsening(grid)
         if factor == 1 or deformation.output is not None:
             return Result(array=self.subject.to_array(self._warp(field, deformation.output, progress)))

@@ -39,6 +39,16 @@ class Subject:
         data, attributes, kind = layer.as_layer_data_tuple()
         if kind not in ("image", "labels"):
             raise DeformError(f"the layer {layer.name!r} is of {kind}; choose a layer of an image or of labels.")
+        if layer.multiscale:
+            raise DeformError(
+                f"the layer {layer.name!r} is multiscale: add one of its levels as a layer, for example by "
+                "viewer.add_image(layer.data[0], scale=layer.scale), and deform that."
+            )
+        if layer.ndim > 3:
+            raise DeformError(
+                f"the layer {layer.name!r} has {layer.ndim} dimensions, and 2 or 3 can be deformed: choose Split Stack "
+                "in its context menu in the layer list, and deform one of the layers that it makes."
+            )
         try:
             found = from_napari((data, attributes, kind))
         except DeformError as error:

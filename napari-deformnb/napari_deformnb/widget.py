@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,7 @@ HINT = (
 """Hint for the first minute."""
 
 _MOST_CELLS_OFFERED = 32
+_SUPPORT_DIGITS = 4  # of a support radius as long as the diagonal
 
 
 class DeformVolumeWidget(QWidget):
@@ -74,7 +76,7 @@ class DeformVolumeWidget(QWidget):
         self.editor: LayerEditor | None = None
         self._finished = WeakKeyDictionary[Any, LayerEditor]()  # the last edits of each layer, to be continued
         self._build()
-        for name in ("inserted", "removed", "reordered"):
+        for name in ("inserted", "removed", "reordered", "renamed"):
             getattr(viewer.layers.events, name).connect(self._list_layers)
         viewer.layers.selection.events.active.connect(self._active_changed)
         self.destroyed.connect(self._end_quietly)
@@ -85,6 +87,7 @@ class DeformVolumeWidget(QWidget):
 
     def _build(self) -> None:
         self.layer_menu, self.mode_menu = QComboBox(), QComboBox()
+        self.layer_menu.setPlaceholderText("Open an image first")
         self.layer_menu.setToolTip("The image or the labels to deform; the layer itself stays as it is")
         _narrow(self.layer_menu)
         _narrow(self.mode_menu)
@@ -185,7 +188,6 @@ class DeformVolumeWidget(QWidget):
 
     def _build_support(self, tooltip: str) -> QWidget:
         self.support, self.automatic = QDoubleSpinBox(), QCheckBox("auto")
-        self.support.setDecimals(3)
         self.support.setKeyboardTracking(False)
         self.automatic.setToolTip(tooltip)
         self.support.valueChanged.connect(lambda value: self._change("support", value, slides=True))
@@ -467,6 +469,7 @@ class DeformVolumeWidget(QWidget):
             box.setValue(getattr(step, name))
         diagonal, row = editor.subject.grid.diagonal, parameters(editor.subject.grid.diagonal)["support"]
         assert isinstance(row, Number)
+        self.support.setDecimals(max(0, _SUPPORT_DIGITS - math.ceil(math.log10(diagonal))))
         self.support.setRange(row.low, row.high)
         self.support.setSingleStep(0.02 * diagonal)
         unit = editor.subject.grid.unit

@@ -315,6 +315,7 @@ def test_layers_deformed_along(make_editor: Any, add_volume: Any, viewer: Any, b
     target.add([6, 9, 12])
     _drag(target, 8, (0, 3, 2))
     editor.set_others([labels, dots, flat])
+    labels.name = "bones"  # while it is computed
     results: list[Any] = []
     editor.finished.connect(results.append)
     wait(lambda: not editor.is_busy)

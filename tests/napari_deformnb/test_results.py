@@ -54,6 +54,18 @@ def test_a_preview_of_a_slice_is_that_slice_of_the_full_result(
     assert np.array_equal(found.array, bump.apply(ball).values.take(7, axis=axis))
 
 
+@pytest.mark.parametrize("is_colour", [False, True], ids=["grey", "colours"])
+def test_a_preview_of_a_picture_is_its_full_result(is_colour: bool) -> None:
+    values = np.random.default_rng(3).integers(0, 255, (20, 30, 3), np.uint8)
+    picture = Subject(Image(values, rgb=True) if is_colour else Image(values[..., 0]))
+    points = dn.ControlPoints.from_arrays([[0, 0], [29, 0], [0, 19], [15, 10]], [[0, 0], [29, 0], [0, 19], [18, 12]])
+    bend = dn.Deformation.from_picture_points(picture.grid, dn.Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)), points)
+    found, full = (Calculator(picture).preview(bend, VisiblePart(0, 0)), Calculator(picture).full(bend, "bent"))
+    assert found.array is not None
+    assert found.array.shape == picture.to_array(list(picture.volumes)).shape
+    assert np.array_equal(found.array, full.array)
+
+
 def test_a_preview_of_a_large_volume_is_coarse_and_lies_where_the_full_one_does() -> None:
     volume = dn.Volume.from_array(np.tile(np.arange(128, dtype=np.float32), (96, 100, 1)))
     factor = coarsening(volume.grid)

@@ -92,12 +92,12 @@ def test_a_result_in_another_box_is_at_its_place() -> None:
             Points(np.zeros((1, 3)), name="dots"),
             "the layer 'dots' is of points; choose a layer of",
         ),
-        (Image(np.zeros((2, 3, 4, 5))), "two or three dimensions, and this layer has 4; pick one time or channel"),
+        (Image(np.zeros((2, 3, 4, 5))), "has 4 dimensions, and 2 or 3 can be deformed: choose Split Stack"),
         (
             Image(np.zeros((3, 4, 5)), shear=(0.5, 0, 0)),
             "shear is [0.5, 0.0, 0.0]; a volume has straight axes",
         ),
-        (Image([np.zeros((8, 8, 8)), np.zeros((4, 4, 4))], multiscale=True), "pyramid of resolutions"),
+        (Image([np.zeros((8, 8, 8)), np.zeros((4, 4, 4))], multiscale=True), "is multiscale: add one of its levels"),
     ],
     ids=["points", "four dimensions", "shear", "pyramid"],
 )

@@ -141,7 +141,7 @@ def test_wrong_inputs_are_told_in_a_sentence(
     assert messages[-1].startswith("There is no image and there are no labels to deform")
     time = viewer.add_image(np.zeros((2, 3, 4, 5)), name="film")
     widget.start(time, "space")
-    assert messages[-1].startswith("The layer 'film' cannot be deformed: a volume has two or three dimensions")
+    assert messages[-1].startswith("The layer 'film' has 4 dimensions, and 2 or 3 can be deformed")
     assert widget.editor is None
     viewer.layers.clear()
     layer = add_volume(ball)
@@ -239,6 +239,9 @@ def test_the_lists_follow_the_layers(
     _rest(widget, wait)
     assert "ball: grid" in [one.name for one in viewer.layers]
     assert [widget.others.item(k).text() for k in range(widget.others.count())] == ["dots (points)"]
+    layer.name, dots.name = "blob", "marks"
+    assert widget.layer_menu.currentText() == "blob"
+    assert [widget.others.item(k).text() for k in range(widget.others.count())] == ["marks (points)"]
     widget.editor.add_step()
     assert widget.step_menu.count() == 2
     widget.step_menu.setCurrentIndex(0)
