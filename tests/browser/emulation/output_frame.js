@@ -20,11 +20,27 @@ const MODULES = {
   anywidget: defined.exports,
 };
 
-const loadClass = async (className, moduleName) => {
-  const found = MODULES[moduleName]?.[className];
-  if (!found) throw new Error(`the frame has no ${className} of ${moduleName}`);
-  return found;
-};
+/** What the managers of both kinds have in common: the classes of this frame, and no widget that is made in the page. */
+class PageManager extends ManagerBase {
+  async loadClass(className, moduleName) {
+    const found = MODULES[moduleName]?.[className];
+    if (!found) throw new Error(`the frame has no ${className} of ${moduleName}`);
+    return found;
+  }
+
+  async _create_comm() {
+    throw new Error("no widget is made in the page");
+  }
+
+  async _get_comm_info() {
+    return {};
+  }
+
+  async render(id, element) {
+    const view = await this.create_view(await this.get_model(id));
+    Widget.attach(view.luminoWidget, element);
+  }
+}
 
 const parts = (buffers = []) =>
   buffers.map((b) =>
@@ -65,21 +81,9 @@ class KernelComm {
   }
 }
 
-class FrameManager extends ManagerBase {
+class FrameManager extends PageManager {
   comms = new Map();
   awaited = new Map();
-
-  loadClass(className, moduleName) {
-    return loadClass(className, moduleName);
-  }
-
-  async _create_comm() {
-    throw new Error("no widget is made in the page");
-  }
-
-  async _get_comm_info() {
-    return {};
-  }
 
   /** A message of the kernel, in the order in which they come. */
   async receive({ kind, content, buffers, parent }) {
@@ -98,11 +102,6 @@ class FrameManager extends ManagerBase {
       this.awaited.get(parent)?.iopub?.status?.(message);
       this.awaited.delete(parent);
     }
-  }
-
-  async render(id, element) {
-    const view = await this.create_view(await this.get_model(id));
-    Widget.attach(view.luminoWidget, element);
   }
 }
 
@@ -139,24 +138,12 @@ class ChannelComm {
   }
 }
 
-class LazyManager extends ManagerBase {
+class LazyManager extends PageManager {
   asked = new Map();
 
   constructor(environment) {
     super();
     this.environment = environment;
-  }
-
-  loadClass(className, moduleName) {
-    return loadClass(className, moduleName);
-  }
-
-  async _create_comm() {
-    throw new Error("no widget is made in the page");
-  }
-
-  async _get_comm_info() {
-    return {};
   }
 
   /** A model is made when something refers to it. */
@@ -173,11 +160,6 @@ class LazyManager extends ManagerBase {
     base.put_buffers(found.state, buffer_paths, buffers);
     const comm = found.comm && new ChannelComm(id, found.comm);
     return this.new_model({ model_name, model_module, model_module_version, model_id: id, comm }, found.state);
-  }
-
-  async render(id, element) {
-    const view = await this.create_view(await this.get_model(id));
-    Widget.attach(view.luminoWidget, element);
   }
 }
 
