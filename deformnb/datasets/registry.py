@@ -19,6 +19,7 @@ from urllib.parse import urlsplit
 from deformnb._deferred import scipy
 from deformnb._typing import Float3, Progress
 from deformnb.errors import DeformError, VolumeFileError
+from deformnb.io.files.address_copies import explain
 from deformnb.io.files.addresses import Meter, download
 from deformnb.io.files.folders import data_home
 from deformnb.io.files.paths import as_path
@@ -408,8 +409,7 @@ def _download(data: Dataset, path: Path, progress: bool | Progress | None) -> No
 
 def _offline_message(name: str, data: Dataset, path: Path, error: OSError) -> str:
     host = urlsplit(data.address or "").hostname
-    reason = type(error).__name__ if len(str(error)) > 120 or not str(error) else str(error).rstrip(".")
     return (
-        f"{name} could not be downloaded from {host} ({reason}); save {data.address} as {path} yourself, "
+        f"{name} could not be downloaded from {host} ({explain(error)}); save {data.address} as {path} yourself, "
         f"or use {_alternative(data)}."
     )

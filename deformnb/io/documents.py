@@ -13,7 +13,7 @@ from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.files.addresses import input_path
 from deformnb.io.files.atomic import KnownFiles, atomic_write
 from deformnb.io.files.errors import fail, printable
-from deformnb.io.files.objects import copied_to_disk, is_open_file
+from deformnb.io.files.objects import check_open, copied_to_disk, is_open_file
 from deformnb.io.files.paths import address_of, as_path
 from deformnb.io.volumes.formats import FORMATS
 from deformnb.rbf.cuts import Cut
@@ -113,6 +113,7 @@ def write_deformation(
         )
     data = to_json(deformation).encode("utf-8")
     if is_open_file(path):
+        check_open(path, "wb")
         path.write(data)
         return
     file = cast("str | PathLike[str]", path)

@@ -25,6 +25,7 @@ from deformnb.imaging.movie_frames import Frames, animation_frames, deformation_
 from deformnb.imaging.render import render_volume
 from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.io.files.memory import check_room
+from deformnb.io.files.paths import as_path
 from deformnb.io.files.zarr_copy import MARKS
 from deformnb.io.volumes.formats import write_volume
 from deformnb.io.volumes.ome_zarr import ZARR_SUFFIX
@@ -355,12 +356,12 @@ def export_for(path: str | PathLike[str]) -> Export:
     DeformError
         If there is none, with those that there are.
     """
-    name = Path(path).name.lower()
+    name = as_path(path).name.lower()
     for export in EXPORTS.values():
         if name.endswith(export.suffixes):
             return export
     known = "; ".join(f"{e.title.lower()} {', '.join(e.suffixes[:3])}" for e in EXPORTS.values())
-    raise DeformError(f"the suffix of {Path(path).name!r} belongs to no kind of file; write one of: {known}.")
+    raise DeformError(f"the suffix of {as_path(path).name!r} belongs to no kind of file; write one of: {known}.")
 
 
 def export(
@@ -392,7 +393,7 @@ def export(
         If ``progress`` raises it.
     """
     frozen = session if isinstance(session, Frozen) else Frozen.of(session, seen or camera, size=size, fps=fps)
-    place = Path(path)
+    place = as_path(path)
     writer = export_for(place)
     check_target(place, overwrite=overwrite or not writer.folder_marks, folder_marks=writer.folder_marks)  # before work
     if overwrite:

@@ -12,6 +12,7 @@ from deformnb.document.deformation import Deformation, LazyReference
 from deformnb.document.script import UNKNOWN_VOLUME, as_python, grid_expression
 from deformnb.io.documents import write_deformation
 from deformnb.io.files.atomic import KnownFiles
+from deformnb.io.files.paths import as_path
 from deformnb.session.view_state import without_view_state
 from deformnb.volume.volume import Volume
 
@@ -62,7 +63,7 @@ class Files(traitlets.HasTraits):
             If the file was there before, or another program has changed it; nothing is written.
         """
         write_deformation(document, path, known=self.known, overwrite=overwrite)
-        self.path, self.saved = Path(path), document
+        self.path, self.saved = as_path(path), document
 
     def difference(self, deformation: Deformation) -> str:
         """Warning about a document that was made on another volume; empty if it was made on this one."""

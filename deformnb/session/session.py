@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.imaging.cell_output import image_html, steps_html, title_html
 from deformnb.imaging.preview import draw_preview
 from deformnb.io.documents import read_document
-from deformnb.io.files.paths import address_of
+from deformnb.io.files.paths import address_of, as_path
 from deformnb.rbf.points import ControlPoints
 from deformnb.registration.outlines import OUTLINE_POINT, fix_outline, outline
 from deformnb.session.editing import Editing
@@ -296,7 +295,7 @@ class Session:
         # Where it was changed to fit, the file has the old one; at an address nothing is saved.
         if self.files.saved is not None and not address_of(path):
             self.files.known.remember(path, content)
-            self.files.path = Path(path)
+            self.files.path = as_path(path)
 
     def take(
         self, deformation: Deformation, label: str = "open a document", *, allow_other_volume: bool = False

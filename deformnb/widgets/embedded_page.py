@@ -7,7 +7,6 @@ import html
 import os
 from dataclasses import dataclass, field
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 from deformnb.io.files.atomic import atomic_write
@@ -98,7 +97,7 @@ style="grid-area: 1 / 1; width: 100%; height: 400px; border: 0" src="carp.html">
     def write(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the page to a file, atomically."""
         data = self.page.encode("utf-8")
-        with atomic_write(Path(path), overwrite=overwrite, needed=len(data)) as stream:
+        with atomic_write(path, overwrite=overwrite, needed=len(data)) as stream:
             stream.write(data)
 
     def __repr__(self) -> str:

@@ -14,7 +14,6 @@ import json
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +24,7 @@ from deformnb.document.deformation import Deformation, Step, VolumeReference
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write, check_target
+from deformnb.io.files.paths import as_path
 from deformnb.rbf.extrusion import Extrusion, extrude
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.rbf.kernels import KERNELS
@@ -227,8 +227,9 @@ def write_standalone(
 
 def check_page_path(path: str | os.PathLike[str], *, overwrite: bool) -> None:
     """Refuse a path without .html, or one that cannot be written."""
-    if Path(path).suffix.lower() not in (".html", ".htm"):
-        raise DeformError(f"{Path(path).name}: a page is written as HTML; name it {Path(path).stem}.html.")
+    place = as_path(path)
+    if place.suffix.lower() not in (".html", ".htm"):
+        raise DeformError(f"{place.name}: a page is written as HTML; name it {place.stem}.html.")
     check_target(path, overwrite=overwrite)
 
 

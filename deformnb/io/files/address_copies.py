@@ -12,6 +12,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable
+from email.message import Message
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ SECONDS = 30
 """Time in which a server has to answer."""
 
 _NOTE = "address.json"
+_ABSENT = (404, 410)
 _REPLY_PART = 2**16  # bytes of a reply that are read at a time
 
 
@@ -153,6 +155,58 @@ def request_bytes(address: str, most: int, *, is_optional: bool = False) -> tupl
     return _from_web(address, most, is_optional) if is_web(address) else _from_fsspec(address, most)
 
 
+def state_at(address: str) -> str | None:
+    """The state of a file at an address, as of :func:`request_bytes`; empty if unknown, and None without a file."""
+    if not is_web(address):
+        return _state_by_fsspec(address)
+    answer = _head(address)
+    if answer is None:
+        return ""
+    return None if answer.status_code in _ABSENT else _state_of(answer) if answer.ok else ""
+
+
+def ask_about(address: str) -> tuple[str, str]:
+    """The state of a file at http or https by its headers, and the name that the server gives it; both may be empty."""
+    answer = _head(address)
+    return (_state_of(answer), _name_given(answer)) if answer is not None and answer.ok else ("", "")
+
+
+def _head(address: str) -> Any:
+    """The headers of a file on a server; None where it does not answer, of which the download says what is wrong."""
+    import requests
+
+    with (
+        contextlib.suppress(requests.RequestException, ValueError),
+        _session().head(address, timeout=SECONDS, allow_redirects=True) as answer,
+    ):
+        return answer
+    return None
+
+
+def _state_of(answer: Any) -> str:
+    """The tag, date and size of a file by its headers; empty without tag and date, as a changed one may be as long."""
+    tag, date, size = (answer.headers.get(name, "") for name in ("ETag", "Last-Modified", "Content-Length"))
+    return f"{tag}|{date}|{size}" if tag or date else ""
+
+
+def _name_given(answer: Any) -> str:
+    about = Message()
+    about["Content-Disposition"] = answer.headers.get("Content-Disposition", "")
+    return about.get_filename() or urlsplit(answer.url).path
+
+
+def _state_by_fsspec(address: str) -> str | None:
+    from fsspec.core import url_to_fs
+
+    try:
+        system, inner = url_to_fs(address)
+        return str(system.ukey(inner))
+    except FileNotFoundError:
+        return None
+    except Exception:  # of some fifty kinds of servers; the file that is asked for says what is wrong
+        return ""
+
+
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file whole: threads and processes that read the same copy see all of it or nothing."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -167,11 +221,40 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def describe_failure(address: str, error: Exception) -> VolumeFileError:
-    """The error of a download that failed, which names no password."""
-    shown = format_address(address)
-    said = printable(error).replace(address, shown).rstrip(".")
-    reason = type(error).__name__ if len(said) > 120 or not said else said
-    return VolumeFileError(f"{shown} could not be downloaded from {urlsplit(address).hostname} ({reason}).")
+    """The error of a download that failed: why, and what to do; it names no password."""
+    host = urlsplit(address).hostname
+    return VolumeFileError(f"{format_address(address)} could not be downloaded from {host} ({explain(error)}).")
+
+
+def explain(error: Exception) -> str:
+    """Why a download failed and what to do, without the parts of other packages' messages that help nobody."""
+    from requests import exceptions
+
+    if isinstance(error, exceptions.HTTPError):
+        return f"{error.response.status_code}: {_explain_status(error.response.status_code)}"
+    for kind, text in (
+        (exceptions.Timeout, f"there was no answer within {SECONDS} s; try again later"),
+        (exceptions.SSLError, "its certificate is not trusted, or it does not speak https"),
+        (exceptions.ProxyError, "the proxy that the environment names does not answer"),
+        (exceptions.ConnectionError, "there is no connection to it; check the name of the server, and the network"),
+        (exceptions.TooManyRedirects, "it leads in a circle"),
+        (exceptions.ChunkedEncodingError, "the connection broke off; try again"),
+        (exceptions.InvalidURL, "this is no address"),
+    ):
+        if isinstance(error, kind):
+            return text
+    said = printable(error).rstrip(".")
+    return type(error).__name__ if len(said) > 120 or not said else said
+
+
+def _explain_status(status: int) -> str:
+    if status in _ABSENT:
+        return "there is no such file on the server; check the address"
+    if status in (401, 407):
+        return "it asks for a user and a password, as in https://user:password@server/file"
+    if status == 403:
+        return "the server does not give it to everyone; ask its owner"
+    return "the server has an error; try again later" if status >= 500 else "the server refuses it"
 
 
 def describe_refusal(address: str, error: Exception) -> VolumeFileError:
@@ -188,7 +271,7 @@ def _from_web(address: str, most: int, is_optional: bool) -> tuple[bytes, str] |
 
     try:
         with _session().get(address, timeout=SECONDS, stream=True) as answer:
-            if answer.status_code in (404, 410) or (is_optional and answer.status_code == 403):
+            if answer.status_code in _ABSENT or (is_optional and answer.status_code == 403):
                 return None
             answer.raise_for_status()
             content = bytearray()
@@ -196,7 +279,7 @@ def _from_web(address: str, most: int, is_optional: bool) -> tuple[bytes, str] |
                 content += part
                 if len(content) > most:
                     raise _too_large(address, most)
-            return bytes(content), "|".join(answer.headers.get(name, "") for name in ("ETag", "Last-Modified"))
+            return bytes(content), _state_of(answer)
     except requests.RequestException as error:
         raise describe_failure(address, error) from error
 

@@ -9,21 +9,20 @@ Zarr only what is read is copied (:mod:`deformnb.io.files.zarr_copy`).
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
 import tempfile
-from contextlib import suppress
-from http.client import HTTPException
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
-from urllib.request import Request, url2pathname, urlopen
 
 from deformnb._typing import Progress
 from deformnb.errors import MissingPackageError, VolumeFileError
 from deformnb.io.files.address_copies import (
     SECONDS,
     address_of_copy,
+    ask_about,
     describe_failure,
     describe_refusal,
     folder_for,
@@ -34,7 +33,7 @@ from deformnb.io.files.address_copies import (
     write_whole,
 )
 from deformnb.io.files.errors import human_bytes, printable
-from deformnb.io.files.paths import address_of, as_path, format_address
+from deformnb.io.files.paths import address_of, as_path, format_address, local_file, split_address
 from deformnb.io.files.room import free_share
 from deformnb.io.files.zarr_copy import MARKS, ZarrCopy, is_named_zarr
 
@@ -114,6 +113,8 @@ def download(address: str, path: Path, meter: Meter, known_hash: str | None = No
     )
     try:
         pooch.retrieve(address, known_hash=known_hash, fname=path.name, path=path.parent, downloader=downloader)
+    except OSError:  # that of an invalid address is a ValueError, too
+        raise
     except ValueError as error:  # raised by pooch where the checksum differs
         raise OSError("what came is not the published file, its checksum differs") from error
     finally:
@@ -145,9 +146,9 @@ def input_path(path: str | os.PathLike[str] | Any, progress: Progress | None = N
     address = address_of(path)
     if not address:
         return as_path(path)
-    scheme = address.partition(":")[0]
-    if scheme == "file":
-        return Path(url2pathname(address.removeprefix("file://")))
+    split_address(address)
+    if address.startswith("file://"):
+        return local_file(address)
     return (_from_web if is_web(address) else _from_fsspec)(address, progress)
 
 
@@ -196,15 +197,17 @@ def split_progress(path: object, progress: Progress | None) -> tuple[Progress | 
 
 
 def _from_web(address: str, progress: Progress | None) -> Path:
-    shown = format_address(address)
-    name = _name(urlsplit(address).path)
+    shown, parts = format_address(address), urlsplit(address)
+    name = _name(parts.path)
     if is_named_zarr(address):
         copy = ZarrCopy.open(address.rstrip("/"), name)
         if copy is None:
             raise VolumeFileError(f"{shown}: there is no folder of Zarr at this address (no {', '.join(MARKS)}).")
         return copy.folder
     try:
-        state = _state_at(address)
+        state, given = ask_about(address)
+        if "." not in name and "." in _name(given):  # https://server/download?file=3
+            name = _name(given)
         path = folder_for(address, state) / name
         if state and path.is_file():
             return path
@@ -212,20 +215,25 @@ def _from_web(address: str, progress: Progress | None) -> Path:
         meter = Meter(name, room, "the server sends more than half of the free disk,", progress)
         path.unlink(missing_ok=True)
         download(address, path, meter)
+        _refuse_page(path, shown)
         note_address(path, address)
+    except VolumeFileError:
+        raise
     except OSError as error:  # requests' errors are OSErrors
         raise describe_failure(address, error) from error
     return path
 
 
-def _state_at(address: str) -> str:
-    """The tag, date and size that a server states of a file. Empty where it does not, so that the file comes anew."""
-    with (
-        suppress(OSError, ValueError, HTTPException),  # the download says what is wrong
-        urlopen(Request(address, method="HEAD"), timeout=SECONDS) as answer,
-    ):
-        return "|".join(answer.headers.get(key, "") for key in ("ETag", "Last-Modified", "Content-Length")).strip("|")
-    return ""
+def _refuse_page(path: Path, shown: str) -> None:
+    """Refuse, and remove, a page of the web that came in place of a file."""
+    with path.open("rb") as file:
+        is_page = file.read(1024).lstrip().lower().startswith((b"<!doctype html", b"<html"))
+    if is_page and path.suffix.lower() not in (".html", ".htm"):
+        path.unlink()
+        raise VolumeFileError(
+            f"{shown}: a page of the web is there and not a file; take the address of the file itself, as that of a "
+            "button to download it is. One that needs a login in a browser is saved there first."
+        )
 
 
 def _from_fsspec(address: str, progress: Progress | None) -> Path:
@@ -242,8 +250,13 @@ def _from_fsspec(address: str, progress: Progress | None) -> Path:
             f"{shown}: {scheme} is no kind of address that is read; known are file, http, https and those of the "
             "package fsspec, such as s3, zip and memory."
         )
+    if scheme in ("zip", "tar") and "::" not in address:
+        raise VolumeFileError(
+            f"{shown} names a file in an archive but no archive; add its path or address: "
+            f"{scheme}://carp.nrrd::scans.{scheme}"
+        )
     try:
-        system, inner = url_to_fs(address)
+        system, inner = url_to_fs(_with_local_archive(address, progress))
         if not system.exists(inner):
             raise VolumeFileError(f"{shown}: there is nothing at this address.")
         is_folder = system.isdir(inner)
@@ -260,12 +273,28 @@ def _from_fsspec(address: str, progress: Progress | None) -> Path:
         _copy(system, inner, path, is_folder, fsspec.callbacks.Callback(hooks={"share": _teller(progress)}))
         note_address(path, address)
     except ImportError as error:
-        raise MissingPackageError(f"{shown}: {printable(error)}") from error
+        wanted = re.search(r"[Ii]nstall (\w+)", str(error))
+        remedy = f": pip install {wanted[1]}" if wanted else ""
+        raise MissingPackageError(f"{shown}: {printable(error)}{remedy}") from error
     except VolumeFileError:
         raise
     except Exception as error:  # the errors of some fifty kinds of servers
         raise describe_refusal(address, error) from error
     return path
+
+
+def _with_local_archive(address: str, progress: Progress | None) -> str:
+    """The same address with the copy of an archive on a server that gives files as a whole only."""
+    from fsspec.core import url_to_fs
+
+    inner, _, archive = address.rpartition("::")
+    if not inner or not is_web(archive):
+        return address
+    try:
+        url_to_fs(address)
+    except ValueError:  # of aiohttp: no parts ("range requests") are served
+        return f"{inner}::{_from_web(archive, progress)}"
+    return address
 
 
 def _copy(system: Any, inner: str, path: Path, is_folder: bool, callback: Any) -> None:
@@ -285,4 +314,5 @@ def _teller(progress: Progress | None) -> Any:
 
 
 def _name(path: str) -> str:
-    return unquote(path.rstrip("/").rpartition("/")[2]).replace("/", "_") or "file"
+    name = re.sub(r"[/\\\0]", "_", unquote(path.rstrip("/").rpartition("/")[2]))
+    return name if name.strip(".") else "file"

@@ -534,4 +534,4 @@ def _digest(path: str | PathLike[str]) -> bytes:
 
 
 def _real(path: str | PathLike[str]) -> Path:
-    return Path(path).expanduser().resolve()
+    return as_path(path).resolve()

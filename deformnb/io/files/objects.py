@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, TypeGuard
+from typing import Any, BinaryIO, Literal, TypeGuard
 
 from deformnb.checks import short_value
 from deformnb.errors import DeformError, VolumeFileError
@@ -45,6 +46,24 @@ def name_for(file: Any, suffix: str | None) -> str:
     raise DeformError('an open file without a name needs its format, such as suffix=".nii.gz".')
 
 
+def check_open(file: Any, mode: Literal["rb", "wb"]) -> None:
+    """Refuse a file that is closed, of text, or open for the other direction, before any work.
+
+    Raises
+    ------
+    VolumeFileError
+        With the mode in which to open it.
+    """
+    act, asked = ("read", "readable") if mode == "rb" else ("write", "writable")
+    if isinstance(file, io.TextIOBase):
+        raise VolumeFileError(f"an open file must hold bytes, and this is one of text (str): open it as {mode!r}.")
+    if getattr(file, "closed", False) is True:
+        raise VolumeFileError("this file is closed; keep it open (in its with block), or name its path.")
+    can = getattr(file, asked, None)
+    if not hasattr(file, act) or (callable(can) and not can()):
+        raise VolumeFileError(f"this file is not open to {act}: open it as {mode!r}.")
+
+
 @contextmanager
 def copied_to_disk(file: BinaryIO, name: str) -> Iterator[Path]:
     """Copy the rest of an open file into a temporary one, which is removed afterwards.
@@ -52,10 +71,11 @@ def copied_to_disk(file: BinaryIO, name: str) -> Iterator[Path]:
     Raises
     ------
     VolumeFileError
-        If it gives no bytes, takes more than half of the free disk, or should be a folder (Zarr).
+        If it is none of bytes to read, gives none, takes more than half of the free disk, or should be a folder (Zarr).
     """
     if name.lower().endswith(".zarr"):
         raise VolumeFileError("a folder of Zarr is not one file, and an open file is one: name its path or address.")
+    check_open(file, "rb")
     with tempfile.TemporaryDirectory(prefix="deformnb-") as folder:
         path, room = Path(folder) / name, free_share(Path(folder))
         with path.open("wb") as target:
@@ -66,6 +86,10 @@ def copied_to_disk(file: BinaryIO, name: str) -> Iterator[Path]:
                 if room < 0:
                     raise VolumeFileError("an open file takes more than half of the free disk.")
                 target.write(chunk)
+            if not target.tell():
+                raise VolumeFileError(
+                    "an open file gives no bytes from where it stands; file.seek(0) goes back to its beginning."
+                )
         yield path
 
 
@@ -76,8 +100,9 @@ def copied_from_disk(file: BinaryIO, name: str) -> Iterator[Path]:
     Raises
     ------
     VolumeFileError
-        If several files, or a folder, were written: an open file holds one.
+        If it is none of bytes to write, or several files, or a folder, were written: an open file holds one.
     """
+    check_open(file, "wb")
     with tempfile.TemporaryDirectory(prefix="deformnb-") as folder:
         path = Path(folder) / name
         yield path

@@ -1,7 +1,9 @@
 """Folders of Zarr at addresses (URLs): metadata are copied when they are opened, each chunk when it is first read.
 
 So a level that fits is read of a pyramid of any size. A copy lies in the cache of the user, under the state of the
-metadata at the address: where these are written anew the whole comes anew.
+metadata at the address: where these are written anew the whole comes anew. Of each chunk that is there the server is
+asked once after an opening whether it has changed; one that states neither a tag nor a date for it is believed to have
+the same. Absent chunks are asked for once after an opening, too.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from deformnb.io.files.address_copies import (
     inside,
     note_address,
     request_bytes,
+    state_at,
     write_whole,
 )
 from deformnb.io.files.room import free_share
@@ -27,6 +30,10 @@ MARKS = ("zarr.json", ".zgroup", ".zarray")
 
 _METADATA = (*MARKS, ".zattrs")
 _MOST_METADATA = 2**20  # bytes of one such file
+_STATES = "states"  # folder beside the copy, with the state of each chunk when it came
+
+_checked: dict[Path, set[str]] = {}
+"""Files of which the server was asked since the last opening, by the folder of the copy."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +68,7 @@ class ZarrCopy:
             return None
         state = "\n".join(f"{file} {tag} {content!r}" for file, (content, tag) in sorted(found.items()))
         copy = cls(address, folder_for(address, state) / name)
+        _checked[copy.folder] = set()
         for file, (content, _) in found.items():
             write_whole(copy.folder / file, content)
         note_address(copy.folder, address)
@@ -82,7 +90,7 @@ class ZarrCopy:
         return None if found is None else cls(*found)
 
     def fetch(self, key: str) -> None:
-        """Copy a file if it is not there yet; one that is absent at the address stays absent, as empty chunks do.
+        """Copy a file if it is new or has changed; one that is absent at the address is so here, as empty chunks are.
 
         Parameters
         ----------
@@ -93,14 +101,26 @@ class ZarrCopy:
         VolumeFileError
             If the server refuses it, there is no network, or it has more bytes than half of the free disk.
         """
-        path = self.folder / key
-        if path.exists():
+        checked = _checked.setdefault(self.folder, set())
+        if key in checked:
             return
-        is_metadata = path.name in _METADATA
-        most = _MOST_METADATA if is_metadata else free_share(self.folder)
-        answer = request_bytes(inside(self.address, key), most, is_optional=is_metadata)
-        if answer is not None:
-            write_whole(path, answer[0])
+        path, note = self.folder / key, self.folder.parent / _STATES / key
+        address, is_metadata = inside(self.address, key), path.name in _METADATA
+        if not path.exists() or (not is_metadata and self._is_changed(address, note)):
+            most = _MOST_METADATA if is_metadata else free_share(self.folder)
+            answer = request_bytes(address, most, is_optional=is_metadata)
+            if answer is None:
+                path.unlink(missing_ok=True)
+            else:
+                write_whole(path, answer[0])
+                write_whole(note, answer[1].encode())
+        checked.add(key)
+
+    @staticmethod
+    def _is_changed(address: str, note: Path) -> bool:
+        """Check whether the file at an address has another state than the one in a note."""
+        state = state_at(address)
+        return state is None or (bool(state) and not (note.is_file() and note.read_bytes() == state.encode()))
 
 
 def _is_image_set(found: dict[str, tuple[bytes, str]]) -> bool:

@@ -58,7 +58,7 @@ def read_label_names(path: str | Path) -> dict[int, str]:
     {3: 'liver', 7: 'aorta'}
     """
     path = input_path(path)
-    if path.suffix.lower() in (".nrrd", ".nhdr") and (own := segment_names(path)):
+    if path.suffix.lower() in (".nrrd", ".nhdr") and path.is_file() and (own := segment_names(path)):
         return own
     if not path.name:  # a folder without a name, such as "."
         return {}

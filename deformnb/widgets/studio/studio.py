@@ -588,9 +588,10 @@ class Studio(Boxes):
         fps : pictures a second of movies.
         overwrite : replace any file; else only one that holds what this studio has opened or written.
         """
-        if Path(path).suffix.lower() == ".html":
+        path = as_path(path)
+        if path.suffix.lower() == ".html":
             self.export_html(path, overwrite=overwrite, progress=progress)
-            return Path(path)
+            return path
         return export(
             self.session, path, seen=self.view.settings(), size=size, fps=fps, overwrite=overwrite, progress=progress
         )
@@ -679,7 +680,7 @@ class Studio(Boxes):
             )
         still = preview_png(self.editor, self.view)
         options = {} if height is None else {"height": height}
-        embedded = EmbeddedPage(page, name, still, source="" if path is None else Path(path).as_posix(), **options)
+        embedded = EmbeddedPage(page, name, still, source="" if path is None else as_path(path).as_posix(), **options)
         if path is not None:
             with self.session.files.known.writing(path, overwrite=overwrite):
                 embedded.write(path, overwrite=True)

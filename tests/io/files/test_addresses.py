@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 import http.server
 import os
+import re
+import shutil
 import sys
 import threading
 import zipfile
@@ -12,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
@@ -30,6 +33,17 @@ class Requests(http.server.SimpleHTTPRequestHandler):
     """A server of files that records what it is asked."""
 
     asked: list[str]
+
+    def do_GET(self) -> None:
+        """A file, or the status in an address such as /status/401/a.nrrd."""
+        status = re.match(r"/status/(\d+)/", self.path)
+        super().do_GET() if status is None else self.send_error(int(status[1]))
+
+    def end_headers(self) -> None:
+        """The name that is asked for, as servers of downloads state it: /download?name=a.nrrd."""
+        if name := parse_qs(urlsplit(self.path).query).get("name"):
+            self.send_header("Content-Disposition", f'attachment; filename="{name[0]}"')
+        super().end_headers()
 
     def log_message(self, form: str, *values: Any) -> None:
         self.asked.append(str(values[0]))
@@ -134,6 +148,90 @@ def test_what_is_missing_is_named_without_a_password(served: tuple[str, Path, li
         dn.read_volume("https://127.0.0.1:9/a.nrrd")
     with pytest.raises(VolumeFileError, match="no folder of Zarr at this address"):
         dn.read_volume(f"{host}/a.zarr")
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (401, r"\(401: it asks for a user and a password, as in https://user:password@server/file\)"),
+        (403, r"\(403: the server does not give it to everyone"),
+        (404, r"\(404: there is no such file on the server; check the address\)"),
+        (418, r"\(418: the server refuses it\)"),
+        (503, r"\(503: the server has an error; try again later\)"),
+    ],
+)
+def test_an_answer_of_a_server_is_explained(status: int, words: str, served: tuple[str, Path, list[str]]) -> None:
+    host, folder, _ = served
+    with pytest.raises(VolumeFileError, match=words):
+        dn.read_volume(f"{host}/status/{status}/a.nrrd")
+    assert left(folder) == []
+
+
+def test_a_server_that_is_not_there_is_named_in_few_words() -> None:
+    with pytest.raises(VolumeFileError, match="there is no connection to it; check the name of the server") as caught:
+        dn.read_volume("http://127.0.0.1:9/a.nrrd")
+    assert len(str(caught.value)) < 200
+
+
+def test_a_page_of_the_web_is_no_file(served: tuple[str, Path, list[str]]) -> None:
+    host, folder, _ = served
+    (folder / "a.nrrd").write_text("\n<!DOCTYPE html><html>Log in</html>", encoding="utf-8")
+    with pytest.raises(VolumeFileError, match=r"/a\.nrrd: a page of the web is there and not a file"):
+        dn.read_volume(f"{host}/a.nrrd")
+    assert left(folder) == []
+
+
+def test_the_name_that_a_server_gives_tells_the_format(served: tuple[str, Path, list[str]]) -> None:
+    host, folder, _ = served
+    dn.write_volume(VOLUME, folder / "a.nrrd")
+    (folder / "a.nrrd").rename(folder / "download")
+    assert dn.read_volume(f"{host}/download?name=carp.nrrd").name == "carp"
+    for name in ("../../carp.nrrd", "..%5C..%5Ccarp.nrrd"):  # stays in its folder
+        assert "carp" in dn.read_volume(f"{host}/download?name={name}").name
+    assert not list(folder.parent.glob("*.nrrd"))
+
+
+def test_a_server_that_states_no_date_gives_the_file_anew(
+    served: tuple[str, Path, list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    host, folder, _ = served
+    send = Requests.send_header
+    monkeypatch.setattr(
+        Requests, "send_header", lambda self, name, value: name == "Last-Modified" or send(self, name, value)
+    )
+    for values in (VOLUME.values, VOLUME.values[::-1]):  # of one size
+        dn.write_volume(dn.Volume.from_array(values), folder / "a.mha")
+        np.testing.assert_array_equal(dn.read_volume(f"{host}/a.mha").values, values)
+
+
+def test_an_archive_on_a_server_without_parts_is_copied(served: tuple[str, Path, list[str]]) -> None:
+    pytest.importorskip("aiohttp")
+    host, folder, _ = served
+    dn.write_volume(VOLUME, folder / "a.nrrd")
+    with zipfile.ZipFile(folder / "all.zip", "w") as archive:
+        archive.write(folder / "a.nrrd", "in/a.nrrd")
+    np.testing.assert_array_equal(dn.read_volume(f"zip://in/a.nrrd::{host}/all.zip").values, VOLUME.values)
+
+
+def test_chunks_that_were_rewritten_or_removed_are_noticed(served: tuple[str, Path, list[str]]) -> None:
+    pytest.importorskip("zarr")
+    host, folder, asked = served
+    for name, values in (("a.zarr", VOLUME.values), ("b.zarr", VOLUME.values + 1)):
+        dn.write_volume(dn.Volume.from_array(values), folder / name)
+        for file in (file for file in (folder / name).rglob("*") if file.is_file()):
+            os.utime(file, (1_000_000_000, 1_000_000_000))
+    np.testing.assert_array_equal(dn.read_volume(f"{host}/a.zarr").values, VOLUME.values)
+    [chunk] = {line.split("?")[0] for line in chunks_asked(asked)}
+    other = folder / chunk[1:].replace("a.zarr", "b.zarr")
+    shutil.copyfile(other, folder / chunk[1:])  # at another time, and the metadata are the same
+    for _ in range(2):
+        np.testing.assert_array_equal(dn.read_volume(f"{host}/a.zarr").values, VOLUME.values + 1)
+    assert len(chunks_asked(asked)) == 2
+    (folder / chunk[1:]).unlink()
+    large = dn.chunked.open_volume(f"{host}/a.zarr")
+    for _ in range(2):
+        assert not np.asarray(large.read((slice(0, 2), slice(0, 3), slice(0, 4)))).any()
+    assert len(chunks_asked(asked)) == 3
 
 
 def test_a_file_address_is_a_path(tmp_path: Path) -> None:

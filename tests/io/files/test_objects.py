@@ -6,6 +6,7 @@ import inspect
 import io
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -113,8 +114,6 @@ def test_an_open_file_needs_a_format_and_bytes() -> None:
         dn.read_volume(io.BytesIO(b"NRRD0004"))
     with pytest.raises(DeformError, match="suffix is the ending of a name"):
         dn.read_volume(io.BytesIO(), suffix="../a")
-    with pytest.raises(VolumeFileError, match="must give bytes, got str"):
-        dn.read_volume(io.StringIO("NRRD0004"), suffix=".nrrd")  # type: ignore[arg-type]
     with pytest.raises(VolumeFileError):
         dn.read_volume(io.BytesIO(b"damaged"), suffix=".nii")
     for read in (dn.read_volume, dn.read_transform):
@@ -130,3 +129,88 @@ def test_a_format_of_several_files_is_refused_and_nothing_is_written(suffix: str
     with pytest.raises(VolumeFileError, match="not one file"):
         dn.write_volume(VOLUME, memory, suffix=suffix)
     assert memory.getvalue() == b""
+
+
+class Pipe(io.RawIOBase):
+    """Bytes that come once, like those of a pipe."""
+
+    def __init__(self, content: bytes) -> None:
+        self._rest = io.BytesIO(content)
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        return self._rest.read(size)
+
+
+def test_a_pipe_is_read() -> None:
+    memory = io.BytesIO()
+    dn.write_volume(VOLUME, memory, suffix=".nrrd")
+    found = dn.read_volume(Pipe(memory.getvalue()), suffix=".nrrd")  # type: ignore[arg-type]
+    np.testing.assert_array_equal(found.values, VOLUME.values)
+
+
+READERS = {
+    "volume": lambda file: dn.read_volume(file, suffix=".nrrd"),
+    "channels": lambda file: dn.io.read_channels(file, suffix=".nrrd"),
+    "landmarks": lambda file: dn.read_landmarks(file, suffix=".fcsv"),
+    "mesh": lambda file: dn.read_mesh(file, suffix=".ply"),
+    "transform": lambda file: dn.read_transform(file, suffix=".tfm"),
+    "deformation": dn.read_deformation,
+}
+WRITERS = {
+    "volume": lambda file: dn.write_volume(VOLUME, file, suffix=".nrrd"),
+    "channels": lambda file: dn.io.write_channels(dn.volume.Channels((VOLUME,)), file, suffix=".nrrd"),
+    "landmarks": lambda file: dn.write_landmarks(MARKS, file, suffix=".fcsv"),
+    "mesh": lambda file: dn.write_mesh(MESH, file, suffix=".ply"),
+    "transform": lambda file: dn.write_transform(MOVE, file, dn.Grid((4, 4, 4)), suffix=".tfm"),
+    "deformation": lambda file: dn.write_deformation(dn.Deformation(), file),
+}
+
+
+def closed(_: Path) -> io.BytesIO:
+    memory = io.BytesIO(b"a")
+    memory.close()
+    return memory
+
+
+def test_readers_and_writers_are_all_here() -> None:
+    readers_and_writers = [name for name in dn.io.__all__ if name.startswith(("read_", "write_"))]
+    paths = {name: inspect.signature(getattr(dn.io, name)).parameters.get("path") for name in readers_and_writers}
+    takes = {name for name, path in paths.items() if path is not None and "BinaryIO" in str(path.annotation)}
+    assert takes == {f"read_{name}" for name in READERS} | {f"write_{name}" for name in WRITERS}
+
+
+@pytest.mark.parametrize(
+    ("opened", "words"),
+    [
+        (lambda _: io.StringIO("a"), "open it as 'rb'"),
+        (lambda path: path.open("wb"), "not open to read: open it as 'rb'"),
+        (closed, "this file is closed"),
+        (lambda _: io.BytesIO(), r"file\.seek\(0\)"),
+    ],
+)
+@pytest.mark.parametrize("name", READERS)
+def test_a_file_that_gives_no_bytes_is_refused(name: str, opened: Any, words: str, tmp_path: Path) -> None:
+    file = opened(tmp_path / "a")
+    with pytest.raises(VolumeFileError, match=words):
+        READERS[name](file)
+    file.close()
+
+
+@pytest.mark.parametrize(
+    ("opened", "words"),
+    [
+        (lambda _: io.StringIO(), "open it as 'wb'"),
+        (lambda path: path.open("rb"), "not open to write: open it as 'wb'"),
+        (closed, "this file is closed"),
+    ],
+)
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_file_that_takes_no_bytes_is_refused(name: str, opened: Any, words: str, tmp_path: Path) -> None:
+    (tmp_path / "a").touch()
+    file = opened(tmp_path / "a")
+    with pytest.raises(VolumeFileError, match=words):
+        WRITERS[name](file)
+    file.close()

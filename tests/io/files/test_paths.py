@@ -6,6 +6,7 @@ The parameters are found by their annotations, so that a new one cannot be misse
 from __future__ import annotations
 
 import inspect
+import io
 import os
 import re
 from collections.abc import Callable
@@ -19,7 +20,7 @@ from test_entrances import public
 from test_replacing import DEFORMATION, GRID, MOMENTS, REFUSERS, SHIFT, VOLUME, WRITERS
 
 import deformnb as dn
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.files.paths import address_of, format_address, named_path
 from deformnb.session.autosave import Autosave
 from deformnb.session.autosave_store import saved_sessions
@@ -108,7 +109,7 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "datasets.registry.find(folder)": lambda path: dn.datasets.load("lobster", folder=path("")),
     "datasets.registry.load(folder)": lambda path: dn.datasets.load("lobster", folder=path("")),
     "session.autosave.Autosave(folder)": lambda path: Autosave(dn.Session(VOLUME), folder=path("")),
-    "session.autosave_store.saved_sessions(folder)": lambda path: saved_sessions(VOLUME, Path(path(""))),
+    "session.autosave_store.saved_sessions(folder)": lambda path: saved_sessions(VOLUME, path("")),
     "session.batch.replay(inputs)": lambda path: dn.session.replay(DEFORMATION, [path(".nrrd")], "out"),
     "session.batch.replay(folder)": lambda path: dn.session.replay(DEFORMATION, [_written()], path("")),
     "session.series.warp_series(source)": lambda path: dn.session.warp_series(path(".nrrd"), SHIFT, "a.nrrd"),
@@ -194,6 +195,23 @@ def test_an_address_is_refused_by_its_scheme(
     assert not any("gopher" in file.name for file in tmp_path.rglob("*"))
 
 
+NO_PATHS: dict[str, Callable[[str], Any]] = {
+    "number": lambda _: 3,
+    "open file of text": lambda _: io.StringIO("a"),
+    "long name": lambda suffix: "a" * 300 + suffix,
+    "name with a 0": lambda suffix: f"a\0{suffix}",
+    "file of another machine": lambda suffix: f"file://scans/a{suffix}",
+}
+
+
+@pytest.mark.parametrize("wrong", NO_PATHS)
+@pytest.mark.parametrize("name", CALLS)
+def test_what_names_no_file_is_refused(name: str, wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DeformError):
+        CALLS[name](NO_PATHS[wrong])
+
+
 @pytest.mark.parametrize(
     ("given", "address"),
     [
@@ -208,6 +226,14 @@ def test_an_address_is_refused_by_its_scheme(
         ("s3://scans/carp.zarr", "s3://scans/carp.zarr"),
         ("zip://carp.nrrd::/scans/all.zip", "zip://carp.nrrd::/scans/all.zip"),
         ("file:///scans/carp.nrrd", "file:///scans/carp.nrrd"),
+        ("FILE:/scans/carp.nrrd", "file:///scans/carp.nrrd"),
+        ("file://localhost/scans/carp.nrrd", "file:///scans/carp.nrrd"),
+        ("file://other/carp.nrrd", "file://other/carp.nrrd"),
+        (Path("file:///scans/carp.nrrd"), "file:///scans/carp.nrrd"),
+        ("memory:///carp.nrrd", "memory:///carp.nrrd"),
+        ("https://", "https://"),
+        ("simplecache::https://host/carp.nrrd", "simplecache::https://host/carp.nrrd"),
+        ("scan::1.nrrd", ""),
         (3, ""),
         (np.zeros(2), ""),
         (b"https://host/carp.nrrd", ""),
@@ -219,6 +245,33 @@ def test_addresses_are_told_from_names_of_files(given: Any, address: str) -> Non
 
 def test_a_message_shows_no_password() -> None:
     assert format_address("https://anna:secret@host:80/a@b.nrrd") == "https://host:80/a@b.nrrd"
+    assert format_address("zip://a@b::https://anna:secret@host/c.zip") == "zip://b::https://host/c.zip"
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("", "an empty text names no file"),
+        (b"", "an empty text names no file"),
+        ("https:///carp.nrrd", "names no server"),
+        ("https://[host/carp.nrrd", "is no address"),
+        ("https://host:99999/carp.nrrd", "is no address"),
+        ("zip://carp.nrrd", "no archive; add its path"),
+        pytest.param(
+            "file://scans/carp.nrrd",
+            "of the machine 'scans'.*file:///folder/carp.nrrd",
+            marks=pytest.mark.skipif(os.name == "nt", reason="a shared folder of Windows"),
+        ),
+    ],
+)
+def test_an_address_that_cannot_be_is_refused_by_name(given: Any, words: str) -> None:
+    with pytest.raises(VolumeFileError, match=words):
+        dn.read_volume(given)
+
+
+def test_paths_of_bytes_and_addresses_of_files_are_read_and_written(tmp_path: Path) -> None:
+    dn.write_volume(VOLUME, (tmp_path / "the carp.nrrd").as_uri())
+    assert dn.read_volume(os.fsencode(tmp_path / "the carp.nrrd")).name == "the carp"
 
 
 def test_the_name_of_a_file_at_an_address_has_its_ending() -> None:
