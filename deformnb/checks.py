@@ -186,6 +186,19 @@ def warn(notes: Iterable[str]) -> None:
         warnings.warn(translate(note), DeformWarning, stacklevel=level)
 
 
+def is_same_array(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
+    """True for two arrays of one shape with the same values, where NaN equals NaN, and for None twice.
+
+    Examples
+    --------
+    >>> is_same_array(np.array([1.0, np.nan]), np.array([1.0, np.nan])), is_same_array(np.ones(2), None)
+    (True, False)
+    """
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one, other, equal_nan=one.dtype.kind == "f" and other.dtype.kind == "f")
+
+
 def check_fields(owner: Any, *names: str) -> None:
     """Check the fields of a frozen dataclass by their annotations, and put the plain Python value of each in its place.
 

@@ -85,7 +85,7 @@ TABLE = {
         [[0, 100, 200]],
         NO_LENGTH.format("Picture"),
         NOT_ITERABLE.format("Picture"),
-        False,
+        True,
         True,
     ),
     "ControlPoints": Row(
@@ -155,12 +155,12 @@ TABLE = {
         [VOLUME.values.tolist()] * 2,
         2,
         [repr(one) for one in CHANNELS.volumes],
-        False,
+        True,
         True,
     ),
     "Mesh": Row(
         lambda: MESH,
-        f"<Mesh '{EVIL}': 3 corners, 1 triangles>",
+        f"<Mesh '{EVIL}': 3 corners, 1 triangle>",
         f"<div><b>Mesh</b> {SAFE}<table><tr><th>corners</th><td>3</td></tr><tr><th>triangles</th><td>1</td></tr>"
         "<tr><th>from (x, y, z)</th><td>0, 0, 0 mm</td></tr><tr><th>to (x, y, z)</th><td>1, 2, 0 mm</td></tr>"
         "<tr><th>closed</th><td>no</td></tr></table></div>",
@@ -168,7 +168,7 @@ TABLE = {
         OBJECT,
         NO_LENGTH.format("Mesh"),
         NOT_ITERABLE.format("Mesh"),
-        False,
+        True,
         True,
     ),
     "Session": Row(
@@ -263,6 +263,82 @@ def test_a_copy_is_the_same(row: Row, way: Callable[[Any], Any]) -> None:
     assert (found == made) is row.equals_copy
     if isinstance(row.array, list):
         assert np.asarray(found).tolist() == row.array
+
+
+def test_equality_is_that_of_all_that_an_object_holds() -> None:
+    for made, changes in (
+        (PICTURE, {"values": PICTURE.values + 1, "plane": replace(PLANE, origin=(0, 0, 1)), "unit": "HU"}),
+        (MESH, {"points": MESH.points + 1, "faces": MESH.faces[:, ::-1], "name": "b", "unit": "m"}),
+        (CHANNELS, {"volumes": CHANNELS.volumes[::-1], "name": "b", "colours": ((1, 0, 0), (0, 1, 0))}),
+    ):
+        assert hash(made) == hash(copy.deepcopy(made))
+        for name, value in changes.items():
+            assert made != replace(made, **{name: value}), name  # type: ignore[arg-type, type-var]
+        assert (made == "a") is False
+    not_a_number = dn.Volume.from_array(np.full((1, 1, 2), np.nan), name="a")
+    assert not_a_number.equals(copy.deepcopy(not_a_number))
+    for other in (VOLUME + 1, replace(VOLUME, name="b"), VOLUME.astype(np.int16), VOLUME.values, None):
+        assert not VOLUME.equals(other)
+    assert VOLUME.equals(copy.deepcopy(VOLUME))
+
+
+def test_what_is_in_an_object_is_what_its_brackets_give() -> None:
+    for made, name in ((POINTS, "tail"), (MARKS, "tail"), (DEFORMATION, EVIL), (CHANNELS, "a")):
+        assert name in made
+        assert "head" not in made
+        assert made[name] in made  # type: ignore[index]
+        assert made[0] in made
+        assert None not in made
+    assert 11 in VOLUME
+    assert 12 not in VOLUME
+    assert "" not in POINTS
+
+
+def test_parts_of_points_keep_their_unit() -> None:
+    points = dn.ControlPoints.from_arrays([[0, 0], [1, 1]], names=["a", "b"], unit="um")
+    for part in (points[:1], points[["b", "a"]], points.add([2, 2]), points.move("a", [1, 0]), points.remove("a")):
+        assert part.unit == points.unit
+    assert points[["b", "a"]].names == ("b", "a")
+    for wrong, words in (("", "names no point"), (None, "asks for 2 axes"), (["a", "c"], "no point of the name 'c'")):
+        with pytest.raises(dn.errors.DeformError, match=words):
+            points[wrong]
+    with pytest.raises(dn.errors.DeformError, match=r"2 points have the name 'a'.*position, which are 0, 1"):
+        dn.ControlPoints.from_arrays([[0, 0], [1, 1]], names=["a", "a"])["a"]
+
+
+def test_nothing_changes_the_voxels_of_a_volume() -> None:
+    values = np.arange(27, dtype=np.float32).reshape(3, 3, 3)
+    volume, before = dn.Volume.from_array(values), values.copy()
+    for change in (
+        lambda: np.put(volume, 0, 1),
+        lambda: np.copyto(volume, 0),
+        lambda: np.place(volume, values > 3, 0),
+        lambda: np.putmask(volume, values > 3, 0),
+        lambda: np.fill_diagonal(volume, 0),
+        lambda: np.add.at(volume, 0, 1),
+        lambda: np.add(volume, 1, out=volume),
+        lambda: np.nan_to_num(volume, copy=False),
+        lambda: np.median(volume, overwrite_input=True),
+    ):
+        with pytest.raises(dn.errors.DeformError, match="never changed in place"):
+            change()
+        np.testing.assert_array_equal(values, before)
+
+
+def test_a_volume_is_no_truth_and_no_index() -> None:
+    for question in (lambda: bool(VOLUME == 3), lambda: not VOLUME, lambda: sorted([VOLUME, VOLUME])):
+        with pytest.raises(dn.errors.DeformError, match="neither true nor false"):
+            question()
+    with pytest.raises(dn.errors.DeformError, match="a mask is a volume of bool, got uint8"):
+        VOLUME[VOLUME]
+    assert type(VOLUME[:, :, :2] @ VOLUME[:, :, :2]) is np.ndarray
+    with pytest.raises(dn.errors.DeformError, match="three whole numbers"):
+        VOLUME.crop((0.5, 0, 0), (1, 1, 1))  # type: ignore[arg-type]
+    with pytest.raises(dn.errors.DeformError, match="no type of voxels; there are bool"):
+        VOLUME.astype("hounsfield")
+    for other, words in ((PICTURE, "warp_picture"), (MARKS, "a Volume is needed")):
+        with pytest.raises(dn.errors.DeformError, match=words):
+            dn.project(other, "+z")
 
 
 def test_objects_are_shown_without_jax_and_matplotlib() -> None:

@@ -539,6 +539,10 @@ class Deformation(AbstractCellOutput):
     def __iter__(self) -> Iterator[Step]:
         return iter(self.steps)
 
+    def __contains__(self, given: object) -> bool:
+        """True for the name of a step, and for a step that equals one."""
+        return any(given in ((step.name,) if isinstance(given, str) else (step,)) for step in self.steps)
+
     def __getitem__(self, key: int | str) -> Step:
         """A step, by its position or by its name.
 
@@ -559,7 +563,8 @@ class Deformation(AbstractCellOutput):
                 return named[0]
             names = ", ".join(repr(step.name) for step in self.steps[:8])
             raise DeformError(f"{len(named)} of the steps are named {short_value(key)}; they are {names or 'none'}.")
-        if isinstance(key, bool) or not isinstance(key, int) or not -len(self.steps) <= key < len(self.steps):
+        is_number = isinstance(key, int | np.integer) and not isinstance(key, bool)
+        if not is_number or not -len(self.steps) <= key < len(self.steps):
             raise DeformError(
                 f"a step is taken by its position, counted from 0, or by its name, and this deformation has "
                 f"{len(self.steps)}; got {short_value(key)}."

@@ -19,7 +19,9 @@ AXIS_NAMES = {2: ("a", "b"), 3: ("x", "y", "z")}
 
 
 class AbstractNamedPoints(ABC, Generic[One]):
-    """Points with names: ``points["head"]`` and ``points[0]`` are one, ``points[1:3]`` and ``points[mask]`` several."""
+    """Points with names: ``points["head"]`` and ``points[0]`` are one, several are ``points[["head", "tail"]]``,
+    ``points[1:3]`` and ``points[mask]``.
+    """
 
     names: tuple[str, ...]
 
@@ -37,26 +39,39 @@ class AbstractNamedPoints(ABC, Generic[One]):
         Raises
         ------
         DeformError
-            If none has it, or several have.
+            If none has it, or several have; their positions are named.
         """
         count = self.names.count(name)
-        if count != 1 or not name:
+        if not name:
+            raise DeformError("an empty text names no point; take one by its position: points[0].")
+        if count > 1:
+            places = ", ".join(str(k) for k, one in enumerate(self.names) if one == name)
+            raise DeformError(
+                f"{count} points have the name {short_value(name)}; take one by its position, which are {places}."
+            )
+        if not count:
             names = ", ".join(map(short_value, dict.fromkeys(one for one in self.names[:60] if one))) or "no names"
-            why = f"there are {count} points" if count else "there is no point"
-            raise DeformError(f"{why} of the name {short_value(name)}; there are {names}.")
+            raise DeformError(f"there is no point of the name {short_value(name)}; there are {names}.")
         return self.names.index(name)
 
     def __getitem__(self, key: Any) -> Any:
         if isinstance(key, str):
             return self.point_at(self.position_of(key))
+        if isinstance(key, list | tuple) and any(isinstance(one, str) for one in key):
+            key = [self.position_of(one) if isinstance(one, str) else one for one in key]
         positions = np.arange(len(self.names))[key]
+        if np.ndim(positions) > 1:
+            raise DeformError(f"points are one list, and {short_value(key)} asks for {np.ndim(positions)} axes.")
         return self.point_at(int(positions)) if np.ndim(positions) == 0 else self.take(positions.tolist())
 
     def __iter__(self) -> Iterator[One]:
         return map(self.point_at, range(len(self.names)))
 
-    def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and name in self.names
+    def __contains__(self, given: Any) -> bool:
+        """True for the name of a point, and for a point that is equal to one."""
+        if isinstance(given, str):
+            return bool(given) and given in self.names
+        return any(np.array_equal(given, one) if isinstance(one, np.ndarray) else given == one for one in self)
 
 
 def check_table(given: Any, table_of: str) -> Any:

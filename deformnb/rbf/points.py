@@ -444,6 +444,7 @@ class ControlPoints(AbstractNamedPoints[ControlPoint], AbstractCellOutput):
             self.next_id + 1,
             np.append(self.locked, False),
             np.append(self.radius, np.nan),
+            self.unit,
         )
 
     def _one_place(self, value: ArrayLike, what: str) -> NDArray[np.float64]:
@@ -514,6 +515,7 @@ class ControlPoints(AbstractNamedPoints[ControlPoint], AbstractCellOutput):
             self.next_id,
             self.locked[k],
             self.radius[k],
+            self.unit,
             numbers=tuple(self.numbers[p] for p in k),
         )
 

@@ -6,7 +6,7 @@ again; a number in their place removes an axis, and an array without a place is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import EllipsisType
 from typing import Any
 
@@ -32,6 +32,11 @@ class AbstractValues:
     def shape(self) -> tuple[int, ...]:
         """Shape of the array."""
         return self.values.shape
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return int(self.values.size)
 
     @property
     def ndim(self) -> int:
@@ -108,7 +113,7 @@ voxels (``np.flip``, ``np.roll``, ``np.sort``) even where the shape stays; their
 
 
 def with_values(given: Any) -> Any:
-    """The same arguments with the values of volumes and pictures in their place, in lists and dictionaries too.
+    """The same arguments with the values of volumes and pictures, read-only, in lists and dictionaries too.
 
     Examples
     --------
@@ -116,7 +121,7 @@ def with_values(given: Any) -> Any:
     [1, {'a': 'b'}]
     """
     if isinstance(given, AbstractValues):
-        return given.values
+        return _read_only(given.values)
     if isinstance(given, dict):
         return {name: with_values(one) for name, one in given.items()}
     return type(given)(with_values(one) for one in given) if type(given) in (list, tuple) else given
@@ -138,7 +143,37 @@ def call_on_values(ufunc: np.ufunc, method: str, inputs: Sequence[Any], options:
     DeformError
         If the result is to be written into one of them (``volume += 1``): they never change.
     """
-    if any(isinstance(out, AbstractValues) for out in options.get("out", ())):
+    for one in volumes_in(options.get("out")):
+        _refuse_change(one)
+    if method == "at":  # which writes into the first one
+        _refuse_change(inputs[0])
+    return getattr(ufunc, method)(*with_values(tuple(inputs)), **with_values(options))
+
+
+def call_without_change(func: Callable[..., Any], args: Sequence[Any], options: dict[str, Any]) -> Any:
+    """Result of a function of NumPy with the values of volumes and pictures, which it cannot change.
+
+    Raises
+    ------
+    DeformError
+        If it is one that writes into an argument (``np.put``, ``np.copyto``), or is to write into one (``out``).
+    """
+    for one in volumes_in(options.get("out")):
+        _refuse_change(one)
+    try:
+        return func(*with_values(tuple(args)), **with_values(options))
+    except ValueError as error:
+        if "read-only" in str(error) and args:
+            _refuse_change(args[0])
+        raise
+
+
+def _refuse_change(given: Any) -> None:
+    if isinstance(given, AbstractValues):
         raise DeformError("a volume is never changed in place: make another one, for example volume = volume + 1.")
-    values = [given.values if isinstance(given, AbstractValues) else given for given in inputs]
-    return getattr(ufunc, method)(*values, **options)
+
+
+def _read_only(values: NDArray[Any]) -> NDArray[Any]:
+    view = values.view()
+    view.flags.writeable = False
+    return view

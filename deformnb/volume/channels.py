@@ -90,7 +90,7 @@ class ChannelDisplay:
 
 @dataclass(frozen=True, eq=False)
 class Channels(AbstractCellOutput):
-    """Volumes on one grid, with colours in which they are shown added up.
+    """Volumes on one grid, with colours in which they are shown added up; equal if all of these are.
 
     Parameters
     ----------
@@ -185,6 +185,19 @@ class Channels(AbstractCellOutput):
     def __len__(self) -> int:
         return len(self.volumes)
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Channels):
+            return NotImplemented
+        same = (self.colours, self.kind, self.name, len(self)) == (other.colours, other.kind, other.name, len(other))
+        return same and all(one.equals(another) for one, another in zip(self.volumes, other.volumes, strict=True))
+
+    def __hash__(self) -> int:
+        return hash((self.colours, self.kind, self.name, self.names, self.grid))
+
+    def __contains__(self, given: object) -> bool:
+        """True for the name of a channel, and for a volume that equals one."""
+        return given in self.names if isinstance(given, str) else any(one.equals(given) for one in self.volumes)
+
     def __iter__(self) -> Iterator[Volume]:
         return iter(self.volumes)
 
@@ -194,7 +207,7 @@ class Channels(AbstractCellOutput):
             if which not in self.names:
                 raise DeformError(f"there is no channel {which!r}; there are {', '.join(map(repr, self.names))}.")
             return self.volumes[self.names.index(which)]
-        if not isinstance(which, int) or not -len(self) <= which < len(self):
+        if isinstance(which, bool) or not isinstance(which, int | np.integer) or not -len(self) <= which < len(self):
             raise DeformError(f"a channel is a number below {len(self)} or a name, got {short_value(which)}.")
         return self.volumes[which]
 

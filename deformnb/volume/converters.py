@@ -19,6 +19,7 @@ from deformnb._entrances import READERS
 from deformnb.checks import optional_package, short_value
 from deformnb.errors import DeformError
 from deformnb.volume import labelled, layers
+from deformnb.volume.array_protocol import AbstractValues
 from deformnb.volume.channels import ChannelKind, Channels
 from deformnb.volume.volume import Grid, Volume, nibabel_unit, pyvista_parts, refuse_lazy
 
@@ -155,6 +156,9 @@ def _from_array(given: Any) -> Volume:
             if hasattr(given, "read") and isinstance(opened, str)
             else ("; Volume.from_array(array, spacing) makes one of an array, read_volume(path) of a file")
         )
+        raise DeformError(f"a Volume is needed, got {short_value(given)}{more}.")
+    if type(given).__module__.startswith("deformnb."):  # its numbers are no voxels
+        more = "; warp_picture(picture, map) deforms a picture" if isinstance(given, AbstractValues) else ""
         raise DeformError(f"a Volume is needed, got {short_value(given)}{more}.")
     if type(given) not in (np.ndarray, np.memmap, list, tuple):
         place = next(

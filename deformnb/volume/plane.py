@@ -7,7 +7,7 @@ grows from front to back. All lengths are physical (the unit of the volume); no 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._entrances import DISPLAYS
 from deformnb._typing import Float3
-from deformnb.checks import check_fields, finite_array, finite_number
+from deformnb.checks import check_fields, finite_array, finite_number, is_same_array
 from deformnb.errors import DeformError
 from deformnb.volume.array_protocol import AbstractValues
 from deformnb.volume.colour_maps import ColourMapName, colour_table
@@ -341,6 +341,8 @@ def _nearest_column(
 class Picture(AbstractValues):
     """A picture and its raster; for NumPy and ``plt.imshow`` it is its values, for a notebook's cell a PNG.
 
+    Two pictures are equal if all of these fields are.
+
     Parameters
     ----------
     values : (nv, nu) grey values, or (nv, nu, 4) float32 red, green, blue (times alpha) and alpha.
@@ -376,6 +378,18 @@ class Picture(AbstractValues):
             f"<Picture: {self.method}, {wide} x {high} pixels (right, down) of "
             f"{' x '.join(f'{s:.6g}' for s in self.raster.spacing)}, {kind}>"
         )
+
+    def _about(self) -> tuple[Any, ...]:
+        """All fields but the values."""
+        return tuple(getattr(self, one.name) for one in fields(self) if one.name != "values")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Picture):
+            return NotImplemented
+        return self._about() == other._about() and is_same_array(self.values, other.values)
+
+    def __hash__(self) -> int:
+        return hash((self._about(), self.shape))
 
     def grey(self) -> NDArray[np.float32]:
         """(nv, nu) in [0, 1], black to white of the window; luminance over black for a coloured picture."""

@@ -30,6 +30,7 @@ from deformnb.checks import (
     check_arguments,
     check_fields,
     finite_array,
+    is_same_array,
     optional_package,
     real_array,
     short_value,
@@ -39,9 +40,9 @@ from deformnb.volume.array_protocol import (
     KEEPS_PLACE,
     AbstractValues,
     call_on_values,
+    call_without_change,
     full_slices,
     volumes_in,
-    with_values,
 )
 from deformnb.volume.units import check_unit, find_unit, ratio
 from deformnb.volume.views import ViewName
@@ -628,9 +629,10 @@ class Grid:
 
     def crop(self, start: tuple[int, int, int], shape: tuple[int, int, int]) -> Grid:
         """The grid of ``shape`` (z, y, x) whose first voxel is ``start`` (z, y, x); may reach outside this one."""
-        if not isinstance(start, Sequence | np.ndarray):
-            raise DeformError(f"the first voxel is (z, y, x), got {short_value(start)}.")
-        origin = self.index_to_point(start[::-1])
+        first = real_array(start)
+        if first is None or first.shape != (3,) or not (first == np.floor(first)).all():
+            raise DeformError(f"the first voxel is three whole numbers (z, y, x), got {short_value(start)}.")
+        origin = self.index_to_point(first[::-1])
         return replace(self, shape=shape, origin=tuple(origin))
 
     def cover(self, points: ArrayLike) -> Grid:
@@ -792,8 +794,10 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
     """Scalar voxels on a grid.
 
     NumPy computes with its voxels, and what has the same shape is a volume on the same grid: ``volume + 1``,
-    ``np.sqrt(volume)``, ``volume > 300``, ``volume == 3``. Two volumes are equal if they are one object. Slices leave a
-    part at its place: ``volume[10:20]``.
+    ``np.sqrt(volume)``, ``volume > 300``, ``volume == 3``. Slices leave a part at its place: ``volume[10:20]``.
+
+    ``==`` of two volumes is whether they are one object, since they are keys of caches and members of lists;
+    :meth:`equals` compares two as a whole, and ``np.equal`` each voxel.
 
     Parameters
     ----------
@@ -862,6 +866,15 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
     def __len__(self) -> int:
         return self.shape[0]
 
+    def __bool__(self) -> bool:
+        raise DeformError(
+            "a volume of many voxels is neither true nor false; ask for np.any(volume) or np.all(volume), or whether "
+            "there is one: volume is not None."
+        )
+
+    def __contains__(self, value: object) -> bool:
+        return bool((self.values == value).any())
+
     def __getitem__(self, key: Any) -> Any:
         """A part of the volume by slices [z, y, x], which keeps its place; with numbers or masks an array of voxels.
 
@@ -881,6 +894,8 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
         """
         if isinstance(key, Volume):
             _check_same_places(self.grid, key.grid)
+            if key.dtype != np.bool_:
+                raise DeformError(f"a mask is a volume of bool, got {key.dtype.name}; compare it: volume[labels == 3].")
             return self.values[key.values]
         slices = full_slices(key, self.shape)
         if slices is None:
@@ -933,7 +948,7 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
         for other in volumes[1:]:
             _check_same_places(volumes[0].grid, other.grid)
         found = call_on_values(ufunc, method, inputs, options)
-        if method != "__call__" or "out" in options:
+        if method != "__call__" or "out" in options or ufunc.signature is not None:  # np.matmul moves voxels
             return found
         results = tuple(_volume_on_grid(array, volumes or [self]) for array in (found if ufunc.nout > 1 else (found,)))
         return results if ufunc.nout > 1 else results[0]
@@ -944,9 +959,7 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
         if func in KEEPS_PLACE:
             for other in volumes[1:]:
                 _check_same_places(volumes[0].grid, other.grid)
-        if any(isinstance(out, AbstractValues) for out in volumes_in(options.get("out"))):
-            raise DeformError("a volume is never changed in place: make another one.")
-        found = func(*with_values(args), **with_values(options))
+        found = call_without_change(func, args, options)
         keeps = func in KEEPS_PLACE and "out" not in options and np.shape(found) == volumes[0].shape
         return _volume_on_grid(found, volumes) if keeps else found
 
@@ -954,6 +967,22 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
     __ne__ = _comparison(np.not_equal)
 
     __hash__ = object.__hash__
+
+    def equals(self, other: object) -> bool:
+        """True for another volume with the same voxels, grid, name and meaning (labels or amounts); NaN equals NaN.
+
+        Examples
+        --------
+        >>> volume = Volume.from_array(np.eye(3))
+        >>> volume.equals(Volume.from_array(np.eye(3))), volume.equals(volume + 1)
+        (True, False)
+        """
+        return self is other or (
+            isinstance(other, Volume)
+            and (self.grid, self.name, self.is_labels, self.dtype)
+            == (other.grid, other.name, other.is_labels, other.dtype)
+            and is_same_array(self.values, other.values)
+        )
 
     def astype(self, dtype: DTypeLike) -> Volume:
         """The same volume with voxels of another type, as NumPy converts them: fractions are cut off, not rounded.
@@ -963,7 +992,11 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
         >>> (Volume.from_array(np.full((1, 1, 1), 200, np.uint8)).astype(np.int16) + 100).values.tolist()
         [[[300]]]
         """
-        return _volume_on_grid(self.values.astype(dtype), [self])
+        try:
+            wanted = np.dtype(dtype)
+        except TypeError as error:
+            raise DeformError(f"{short_value(dtype)} is no type of voxels; there are {', '.join(DTYPES)}.") from error
+        return _volume_on_grid(self.values.astype(wanted), [self])
 
     @classmethod
     def from_array(

@@ -29,7 +29,7 @@ _MOST_VOXELS = 4096  # along an edge of the grid of signed_distance
 
 @dataclass(frozen=True, eq=False)
 class Mesh(AbstractCellOutput):
-    """A surface of triangles.
+    """A surface of triangles; two are equal if all of these fields are.
 
     Parameters
     ----------
@@ -74,9 +74,19 @@ class Mesh(AbstractCellOutput):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Mesh):
+            return NotImplemented
+        same = (self.name, self.notes, self.unit) == (other.name, other.notes, other.unit)
+        return same and np.array_equal(self.points, other.points) and np.array_equal(self.faces, other.faces)
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.notes, self.unit, self.points.shape, self.faces.shape))
+
     def __repr__(self) -> str:
         name = f" {self.name[:60]!r}" if self.name else ""
-        return f"<Mesh{name}: {len(self.points)} corners, {len(self.faces)} triangles>"
+        triangles = f"{len(self.faces)} {'triangle' if len(self.faces) == 1 else 'triangles'}"
+        return f"<Mesh{name}: {len(self.points)} corners, {triangles}>"
 
     @classmethod
     def from_pyvista(cls, surface: Any, name: str = "") -> Mesh:

@@ -19,7 +19,7 @@ from deformnb._deferred import scipy
 from deformnb._entrances import AbstractCellOutput
 from deformnb._jax import determinant, one_plus
 from deformnb._typing import Floats
-from deformnb.checks import check_fields, optional_package, real_array, short_value
+from deformnb.checks import check_fields, is_same_array, optional_package, real_array, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
@@ -302,12 +302,6 @@ def _solve_from_seeds(
     return y, error
 
 
-def _is_same_array(one: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
-    if one is None or other is None:
-        return one is other
-    return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
-
-
 @dataclass(frozen=True, eq=False)
 class Landmarks(AbstractNamedPoints[NDArray[np.float64]], AbstractCellOutput):
     """Places in space, or on a picture, with names.
@@ -346,7 +340,7 @@ class Landmarks(AbstractNamedPoints[NDArray[np.float64]], AbstractCellOutput):
         points = _places(self.points, "landmarks")
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
-            raise DeformError(f"landmark {bad[0]} is not finite ({points[bad[0]].tolist()}); correct it.")
+            raise DeformError(f"landmark {bad[0] + 1} is not finite ({points[bad[0]].tolist()}); correct it.")
         fixed = None if self.fixed is None else _places(self.fixed, "fixed places of landmarks")
         if isinstance(self.names, str) or not isinstance(self.names, Iterable):
             raise DeformError(f"the names of landmarks are a list of texts, got {short_value(self.names)}.")
@@ -370,7 +364,7 @@ class Landmarks(AbstractNamedPoints[NDArray[np.float64]], AbstractCellOutput):
             return NotImplemented
         same = (self.names, self.notes, self.unit) == (other.names, other.notes, other.unit)
         arrays = ((getattr(one, name) for one in (self, other)) for name in ("points", "fixed", "active", "found"))
-        return same and all(_is_same_array(*pair) for pair in arrays)
+        return same and all(is_same_array(*pair) for pair in arrays)
 
     __hash__ = None  # type: ignore[assignment]
 

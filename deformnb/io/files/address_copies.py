@@ -230,7 +230,7 @@ def explain(error: Exception) -> str:
     """Why a download failed and what to do, without the parts of other packages' messages that help nobody."""
     from requests import exceptions
 
-    if isinstance(error, exceptions.HTTPError):
+    if isinstance(error, exceptions.HTTPError) and error.response is not None:
         return f"{error.response.status_code}: {_explain_status(error.response.status_code)}"
     for kind, text in (
         (exceptions.Timeout, f"there was no answer within {SECONDS} s; try again later"),
