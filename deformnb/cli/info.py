@@ -32,12 +32,13 @@ def add_info(commands: Any) -> None:
 
 def _info(options: argparse.Namespace) -> None:
     from deformnb.io.documents import describe_deformation
+    from deformnb.io.files.paths import as_path
 
     if options.file == STANDARD_INPUT:
         document = read_session(STANDARD_INPUT)
         _show(options, describe_deformation(document, "-"), lambda: session_facts(document, "-"))
         return
-    path = Path(options.file)
+    path = as_path(options.file)
     found = _recognize(path)
     if not isinstance(found, str):
         _show(options, found.rows(), lambda: volume_facts(found))

@@ -1,7 +1,7 @@
 """Command line ``deformnb``: demo, app, page, lab, lesson, warp, transform, replay, info, datasets, doctor.
 
-Errors are one sentence on standard error and exit code 2, with ``--json`` too; Ctrl-C is 130. Work of more than a
-second shows a bar on a terminal, and nothing in a file or a pipe.
+Errors are one sentence on standard error and exit code 2, with ``--json`` a document with it too; Ctrl-C is 130. Work
+of more than a second shows a bar on a terminal, and nothing in a file or a pipe.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import contextlib
 import os
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -39,10 +39,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not given:
         parser.print_help(sys.stderr)
         return EXIT_ERROR
-    try:
-        options = parser.parse_args(_join_negative_values(given))
-    except SystemExit as end:  # --help, --version, or a mistake that argparse has named
-        return int(end.code or 0)
+    fail = partial(_fail, as_json="--json" in given)
+    options = _parse(parser, given, fail)
+    if isinstance(options, int):
+        return options
     try:
         if getattr(options, "device", None):
             from deformnb.devices import use_device
@@ -56,22 +56,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if sys.stdout is not None:
             sys.stdout.flush()  # here, where a closed pipe is caught
     except (KeyboardInterrupt, Cancelled):
-        return _fail("stopped; nothing half-done was left behind.", EXIT_INTERRUPTED)
+        return fail("stopped; nothing half-done was left behind.", EXIT_INTERRUPTED)
     except DeformError as error:
-        return _fail(str(error))
+        return fail(str(error))
     except MemoryError:
-        return _fail("there is not enough memory for this; use a smaller volume or a coarser resolution (--spacing).")
+        return fail("there is not enough memory for this; use a smaller volume or a coarser resolution (--spacing).")
     except BrokenPipeError:  # the reader of our output has ended, as in "deformnb info FILE | head -1"
         _end_output()
         return 0
     except OSError as error:
         _end_output()  # which may be the cause
-        return _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}.")
+        return fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}.")
     except Exception as error:
         if options.traceback:
             raise
-        return _fail(f"unexpected {type(error).__name__}: {error} (--traceback before the command shows where).")
+        return fail(f"unexpected {type(error).__name__}: {error} (--traceback before the command shows where).")
     return 0
+
+
+def _parse(parser: argparse.ArgumentParser, given: list[str], fail: Callable[..., int]) -> argparse.Namespace | int:
+    """The options of a line, or the exit code where nothing is to be run."""
+    try:
+        return parser.parse_args(_join_negative_values(given))
+    except SystemExit as end:  # --help, --version
+        return int(end.code or 0)
+    except _MistakeError as mistake:
+        return fail(str(mistake), name=mistake.command)
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
@@ -94,17 +104,29 @@ def _end_output() -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _fail(message: str, code: int = EXIT_ERROR) -> int:
+def _fail(message: str, code: int = EXIT_ERROR, *, name: str = "deformnb", as_json: bool = False) -> int:
     line = " ".join(message.split())  # other packages' messages may have several lines
-    print(f"deformnb: {line}", file=sys.stderr)
+    print(f"{name}: {line}", file=sys.stderr)
+    if as_json:
+        with contextlib.suppress(OSError):  # which may be the error
+            print_json({"error": line})
+            _end_output()
     return code
+
+
+class _MistakeError(Exception):
+    """A mistake in a line, with the command that it is of."""
+
+    def __init__(self, command: str, message: str) -> None:
+        super().__init__(message)
+        self.command = command
 
 
 class _Parser(argparse.ArgumentParser):
     """One line for a mistake, like all other errors."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(EXIT_ERROR, f"{self.prog}: {message} ({self.prog} --help shows how)\n")
+        raise _MistakeError(self.prog, f"{message} ({self.prog} --help shows how)")
 
 
 def _join_negative_values(arguments: list[str]) -> list[str]:
@@ -278,10 +300,12 @@ def _demo(options: argparse.Namespace) -> None:
 
 def _app(options: argparse.Namespace) -> None:
     from deformnb.app.start import check_app, starting
-    from deformnb.io.files.paths import address_of, named_path
+    from deformnb.io.files.paths import address_of, as_path, named_path
 
     host = check_app(options.host, options.port, options.side, options.idle)
-    subject = (address_of(options.file) or str(Path(options.file).resolve())) if options.file else ""
+    subject = (address_of(options.file) or str(as_path(options.file).resolve())) if options.file else ""
+    if subject and not address_of(subject) and not Path(subject).exists():  # before a page is opened
+        raise DeformError(f"there is no file {options.file}.")
     name = named_path(options.file).name if options.file else "carp"
     with starting(
         name,

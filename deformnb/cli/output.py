@@ -9,7 +9,7 @@ from typing import Any
 
 def add_json(p: argparse.ArgumentParser) -> None:
     """The option ``--json``."""
-    p.add_argument("--json", action="store_true", help="print one document of JSON; errors stay a sentence")
+    p.add_argument("--json", action="store_true", help='print one document of JSON, {"error": ...} for an error')
 
 
 def print_json(document: Any) -> None:

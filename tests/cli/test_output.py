@@ -160,13 +160,24 @@ def test_doctor_has_the_documented_keys(
 
 
 @pytest.mark.parametrize(
-    "line", ["info missing.nrrd --json", "datasets carpp --json", "info marks.mrk.json extra --json"]
+    "line", ["info missing.nrrd --json", "datasets carpp --json", "info marks.mrk.json extra --json", "info '' --json"]
 )
-def test_errors_stay_a_sentence_and_nothing_is_printed(
+def test_errors_are_a_sentence_and_a_document(
     line: str, small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code = run(small, line, monkeypatch)
-    error_sentence(capsys.readouterr(), code)
+    captured = capsys.readouterr()
+    document = json.loads(captured.out)
+    assert set(document) == documented("of an error")
+    sentence = error_sentence(captured._replace(out=""), code)
+    assert sentence.partition(": ")[2] == document["error"]
+
+
+def test_an_application_for_a_missing_file_is_not_started(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = run(small, "app none.nrrd --no-browser", monkeypatch)
+    assert "there is no file none.nrrd" in error_sentence(capsys.readouterr(), code)
 
 
 # ---- pipes -----------------------------------------------------------------------------------------------------------

@@ -199,8 +199,6 @@ NO_PATHS: dict[str, Callable[[str], Any]] = {
     "number": lambda _: 3,
     "open file of text": lambda _: io.StringIO("a"),
     "long name": lambda suffix: "a" * 300 + suffix,
-    "name with a 0": lambda suffix: f"a\0{suffix}",
-    "file of another machine": lambda suffix: f"file://scans/a{suffix}",
 }
 
 
