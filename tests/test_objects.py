@@ -326,9 +326,10 @@ def test_nothing_changes_the_voxels_of_a_volume() -> None:
 
 
 def test_a_volume_is_no_truth_and_no_index() -> None:
-    for question in (lambda: bool(VOLUME == 3), lambda: not VOLUME, lambda: sorted([VOLUME, VOLUME])):
+    for question in (lambda: bool(VOLUME == 3), lambda: not VOLUME > 3, lambda: sorted([VOLUME, VOLUME])):
         with pytest.raises(dn.errors.DeformError, match="neither true nor false"):
             question()
+    assert bool(VOLUME) is True
     with pytest.raises(dn.errors.DeformError, match="a mask is a volume of bool, got uint8"):
         VOLUME[VOLUME]
     assert type(VOLUME[:, :, :2] @ VOLUME[:, :, :2]) is np.ndarray

@@ -314,7 +314,7 @@ class Animation:
         if not 1 <= count <= MOST_MOVIE_FRAMES:
             raise DeformError(f"a stack has 1 to {MOST_MOVIE_FRAMES} frames, got {count}.")
         plane, weights = self._common(grid)
-        lattice = raster or covering_raster(plane, output or grid, size)
+        lattice = raster or covering_raster(plane, grid if output is None else output, size)
         values = np.empty((count, *lattice.shape, 2), np.float32)
         for k, t in enumerate(np.linspace(0.0, self.duration, count).tolist()):
             step = one_map(self._steps(t))

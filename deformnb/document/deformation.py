@@ -971,7 +971,8 @@ class Deformation(AbstractCellOutput):
             note for note in here.fit_notes(grid) if note != FOLDS_WARNING
         )  # of the fits; the map is checked below
         subject = volumes[0] if known is None else replace(volumes[0], grid=grid)
-        asked = as_output(options.get("output") or output, own)
+        wanted = options.get("output")
+        asked = as_output(output if wanted is None else wanted, own)
         cautions = [*here.cautions(own), *map_notes(subject, field, asked, options.get("fill"))]
         if known is None:
             box = None if here.output is None else volumes[0].to_own_resolution(here.output)

@@ -77,7 +77,7 @@ def surface_point(
         raise DeformError(f"unknown method {method!r}; choose composite, shaded or mip.")
     volume = as_volume(volume)
     start, direction = _checked_ray(ray)
-    near, far = _reach(output or volume.grid, check_clip(clip), start, direction)
+    near, far = _reach(volume.grid if output is None else output, check_clip(clip), start, direction)
     step = float(min(volume.grid.spacing))
     count = int(np.ceil((far - near) / step - 1e-9))
     if count < 1:

@@ -867,10 +867,9 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
         return self.shape[0]
 
     def __bool__(self) -> bool:
-        raise DeformError(
-            "a volume of many voxels is neither true nor false; ask for np.any(volume) or np.all(volume), or whether "
-            "there is one: volume is not None."
-        )
+        if self.dtype == np.bool_:  # as of "if volume == 3:", which would always be done
+            raise DeformError("a volume of bool is neither true nor false; ask for np.any(volume) or np.all(volume).")
+        return True
 
     def __contains__(self, value: object) -> bool:
         return bool((self.values == value).any())
