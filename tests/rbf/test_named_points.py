@@ -55,9 +55,9 @@ def test_several_points_by_slice_mask_and_list() -> None:
     ("call", "sentence"),
     [
         (lambda: POINTS["nose"], "there is no point of the name 'nose'; there are 'tail', 'head'"),
-        (lambda: POINTS["head"], "there are 2 points of the name 'head'; there are 'tail', 'head'"),
-        (lambda: POINTS[""], "of the name ''; there are 'tail', 'head'"),
-        (lambda: MARKS["fin"], "there are 2 points of the name 'fin'"),
+        (lambda: POINTS["head"], "2 points have the name 'head'; take one by its position, which are 1, 2"),
+        (lambda: POINTS[""], "an empty text names no point"),
+        (lambda: MARKS["fin"], "2 points have the name 'fin'; take one by its position"),
         (lambda: ControlPoints.empty()["a"], "there is no point of the name 'a'; there are no names"),
         (lambda: POINTS.move("nose", [1, 1]), "there is no point of the name 'nose'"),
     ],

@@ -156,7 +156,7 @@ def test_mistakes_are_one_sentence(name: str, text: str, match: str, tmp_path: P
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
-        ({"points": [[0, 0, np.inf]]}, "landmark 0 is not finite"),
+        ({"points": [[0, 0, np.inf]]}, "landmark 1 is not finite"),
         ({"points": [[0]]}, "shape"),
         ({"points": ["a"]}, "numbers"),
         ({"points": [[0, 0, 0]], "names": ("a", "b")}, "1 landmarks need as many names"),
