@@ -30,6 +30,7 @@ from deformnb.rbf.fit_settings import AbstractFitSettings, FitSettings, label_of
 from deformnb.rbf.fitting import check_parts_of_direction, check_stages
 from deformnb.rbf.interpolant import FOLDS_WARNING
 from deformnb.rbf.kernels import as_kernel
+from deformnb.rbf.named_points import AbstractNamedItems
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart, part_conflicts
@@ -491,7 +492,7 @@ MODES: dict[str, Callable[..., AbstractField]] = {"compose": compose, "blend": b
 
 
 @dataclass(frozen=True)
-class Deformation(AbstractCellOutput):
+class Deformation(AbstractNamedItems, AbstractCellOutput):
     """An immutable list of steps, applied first to last; called with a volume or with points it deforms them.
 
     ``deformation["bend"]`` and ``deformation[0]`` are a step by its name or position, and ``len`` is their number.
@@ -538,10 +539,6 @@ class Deformation(AbstractCellOutput):
 
     def __iter__(self) -> Iterator[Step]:
         return iter(self.steps)
-
-    def __contains__(self, given: object) -> bool:
-        """True for the name of a step, and for a step that equals one."""
-        return any(given in ((step.name,) if isinstance(given, str) else (step,)) for step in self.steps)
 
     def __getitem__(self, key: int | str) -> Step:
         """A step, by its position or by its name.

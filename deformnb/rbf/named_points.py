@@ -18,6 +18,17 @@ AXIS_NAMES = {2: ("a", "b"), 3: ("x", "y", "z")}
 """Names of the coordinates of a point in columns of tables, on a picture and in space."""
 
 
+class AbstractNamedItems(ABC):
+    """Items with names, of which brackets give one: ``"bend" in deformation``, ``step in deformation``."""
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[Any]:
+        """The items."""
+
+    def __contains__(self, given: object) -> bool:
+        return any(given == (item.name if isinstance(given, str) else item) for item in self)
+
+
 class AbstractNamedPoints(ABC, Generic[One]):
     """Points with names: ``points["head"]`` and ``points[0]`` are one, several are ``points[["head", "tail"]]``,
     ``points[1:3]`` and ``points[mask]``.

@@ -7,12 +7,14 @@ again; a number in their place removes an axis, and an array without a place is 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from types import EllipsisType
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from deformnb.checks import is_same_array
 from deformnb.errors import DeformError
 
 
@@ -27,6 +29,25 @@ class AbstractValues:
         if copy is False and target != self.dtype:
             raise ValueError(f"values of type {self.dtype} do not become {target} without a copy.")
         return np.array(self.values, dtype=target) if copy else np.asarray(self.values, dtype=target)
+
+    def __bool__(self) -> bool:
+        if self.dtype == np.bool_:  # as of "if volume == 3:", which would always be done
+            raise DeformError("a volume of bool is neither true nor false; ask for np.any(volume) or np.all(volume).")
+        return True
+
+    def __contains__(self, value: Any) -> bool:
+        return bool((self.values == value).any())
+
+    def equals(self, other: object) -> bool:
+        """True for another object with the same values (NaN equals NaN), place, name and so on; notes do not count."""
+        return self is other or (
+            isinstance(other, type(self)) and self.about() == other.about() and is_same_array(self.values, other.values)
+        )
+
+    def about(self) -> tuple[Any, ...]:
+        """All that is compared but the values, which can be hashed."""
+        names = (one.name for one in fields(self) if one.name not in ("values", "notes", "level"))  # type: ignore[arg-type]
+        return (self.dtype, self.shape, *(getattr(self, name) for name in names))
 
     @property
     def shape(self) -> tuple[int, ...]:

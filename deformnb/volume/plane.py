@@ -7,7 +7,7 @@ grows from front to back. All lengths are physical (the unit of the volume); no 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._entrances import DISPLAYS
 from deformnb._typing import Float3
-from deformnb.checks import check_fields, finite_array, finite_number, is_same_array
+from deformnb.checks import check_fields, finite_array, finite_number
 from deformnb.errors import DeformError
 from deformnb.volume.array_protocol import AbstractValues
 from deformnb.volume.colour_maps import ColourMapName, colour_table
@@ -379,17 +379,11 @@ class Picture(AbstractValues):
             f"{' x '.join(f'{s:.6g}' for s in self.raster.spacing)}, {kind}>"
         )
 
-    def _about(self) -> tuple[Any, ...]:
-        """All fields but the values."""
-        return tuple(getattr(self, one.name) for one in fields(self) if one.name != "values")
-
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Picture):
-            return NotImplemented
-        return self._about() == other._about() and is_same_array(self.values, other.values)
+        return self.equals(other) if isinstance(other, Picture) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash((self._about(), self.shape))
+        return hash(self.about())
 
     def grey(self) -> NDArray[np.float32]:
         """(nv, nu) in [0, 1], black to white of the window; luminance over black for a coloured picture."""

@@ -30,7 +30,6 @@ from deformnb.checks import (
     check_arguments,
     check_fields,
     finite_array,
-    is_same_array,
     optional_package,
     real_array,
     short_value,
@@ -866,14 +865,6 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __bool__(self) -> bool:
-        if self.dtype == np.bool_:  # as of "if volume == 3:", which would always be done
-            raise DeformError("a volume of bool is neither true nor false; ask for np.any(volume) or np.all(volume).")
-        return True
-
-    def __contains__(self, value: object) -> bool:
-        return bool((self.values == value).any())
-
     def __getitem__(self, key: Any) -> Any:
         """A part of the volume by slices [z, y, x], which keeps its place; with numbers or masks an array of voxels.
 
@@ -966,22 +957,6 @@ class Volume(NDArrayOperatorsMixin, AbstractValues, AbstractCellOutput):
     __ne__ = _comparison(np.not_equal)
 
     __hash__ = object.__hash__
-
-    def equals(self, other: object) -> bool:
-        """True for another volume with the same voxels, grid, name and meaning (labels or amounts); NaN equals NaN.
-
-        Examples
-        --------
-        >>> volume = Volume.from_array(np.eye(3))
-        >>> volume.equals(Volume.from_array(np.eye(3))), volume.equals(volume + 1)
-        (True, False)
-        """
-        return self is other or (
-            isinstance(other, Volume)
-            and (self.grid, self.name, self.is_labels, self.dtype)
-            == (other.grid, other.name, other.is_labels, other.dtype)
-            and is_same_array(self.values, other.values)
-        )
 
     def astype(self, dtype: DTypeLike) -> Volume:
         """The same volume with voxels of another type, as NumPy converts them: fractions are cut off, not rounded.
