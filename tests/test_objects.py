@@ -200,6 +200,45 @@ TABLE = {
     ),
 }
 
+TABLES = {
+    "Grid": (
+        lambda: GRID,
+        (
+            "<div><b>Grid</b><table><tr><th>shape (z, y, x)</th><td>2 x 2 x 3</td></tr><tr><th>spacing (x, y, z)</th>"
+            "<td>1 x 1 x 2.5 mm</td></tr><tr><th>origin (x, y, z)</th><td>10, 0, 0 mm</td></tr><tr><th>axes</th>"
+            "<td>LPS</td></tr><tr><th>size (x, y, z)</th><td>3 x 2 x 5 mm</td></tr></table></div>"
+        ),
+    ),
+    "LargeVolume": (
+        lambda: dn.chunked.open_volume(VOLUME),
+        (
+            f"<div><b>LargeVolume</b> {SAFE}<table><tr><th>shape (z, y, x)</th><td>2 x 2 x 3</td></tr>"
+            "<tr><th>voxels</th>"
+            "<td>uint8, read in parts</td></tr><tr><th>spacing (x, y, z)</th><td>1 x 1 x 2.5 mm</td></tr><tr>"
+            "<th>origin (x, y, z)</th><td>10, 0, 0 mm</td></tr><tr><th>axes</th><td>LPS</td></tr></table></div>"
+        ),
+    ),
+    "Staged": (
+        lambda: dn.rbf.Staged((FIT, FIT)),
+        "<div><b>Staged</b><table><tr><th>points</th><td>2 in the plane</td></tr><tr><th>trend</th>"
+        "<td>translation</td></tr><tr><th>made of</th><td>"
+        + "; ".join(["&lt;RBFInterpolant: 2 points in the plane, wendland_c2, trend translation&gt;"] * 2)
+        + "</td></tr></table></div>",
+    ),
+    "ForwardFit": (
+        lambda: dn.rbf.ForwardFit(FIT),
+        (
+            "<div><b>ForwardFit</b><table><tr><th>points</th><td>2 in the plane</td></tr><tr><th>trend</th>"
+            "<td>translation</td></tr><tr><th>made of</th><td>&lt;RBFInterpolant: 2 points in the plane, wendland_c2, "
+            "trend translation&gt;</td></tr></table></div>"
+        ),
+    ),
+}
+"""Objects that are a table in a cell, and its HTML."""
+
+OTHERS = {dn.Studio, dn.rbf.ChosenFit, dn.rbf.TipBlend}
+"""Those with tests of their own, and a fit that only cuts make, whose table is that of all fits."""
+
 _IMAGE = re.compile(r'<img alt="[^"<>]+" width="\d+" src="data:image/png;base64,[A-Za-z0-9+/=]+">')
 rows = pytest.mark.parametrize("row", TABLE.values(), ids=TABLE)
 
@@ -224,6 +263,20 @@ def test_a_cell_shows_a_picture_or_a_table_with_escaped_names(row: Row) -> None:
     assert (None if show is None else _IMAGE.sub("<img>", show())) == row.html
     png = getattr(made, "_repr_png_", None)
     assert (None if png is None else Image.open(io.BytesIO(png())).size) == row.png
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_cell_shows_a_table(name: str) -> None:
+    made, html = TABLES[name]
+    assert made()._repr_html_() == html
+
+
+def test_every_class_that_a_cell_shows_is_here() -> None:
+    shown = {type(row.made()).__name__ for row in TABLE.values()} | set(TABLES)
+    for module in (dn, dn.rbf, dn.volume, dn.warping, dn.chunked):
+        for kind in (getattr(module, name) for name in module.__all__):
+            if isinstance(kind, type) and "_repr_html_" in dir(kind) and kind not in OTHERS:
+                assert kind.__name__ in shown
 
 
 @rows

@@ -20,6 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._entrances import AbstractCellOutput
 from deformnb._typing import Progress, Spacing, VoxelSlices
 from deformnb.checks import optional_package, short_value
 from deformnb.errors import DeformError
@@ -213,7 +214,7 @@ def _stamps(folder: Path) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class LargeVolume:
+class LargeVolume(AbstractCellOutput):
     """A volume whose voxels are read in parts; :func:`open_volume` makes it.
 
     Parameters

@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Image
+from deformnb.chunked.sources import LargeVolume
 from deformnb.document.deformation import Deformation
 from deformnb.imaging.projection import ProjectionName, project, project_channels
+from deformnb.rbf.fields import AbstractFit
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.named_points import AXIS_NAMES
 from deformnb.rbf.points import ControlPoints
@@ -129,6 +131,23 @@ def _channels_html(channels: Channels) -> str:
     return f"<div>{title_html('Channels', channels.name)}<br>{image}{_facts(facts)}</div>"
 
 
+@as_html.register
+def _grid_html(grid: Grid) -> str:
+    size = " x ".join(f"{length:.6g}" for length in grid.lengths) + (grid.unit and f" {grid.unit}")
+    return f"<div>{title_html('Grid', '')}{_facts({**_grid_facts(grid), 'size (x, y, z)': size})}</div>"
+
+
+@as_html.register
+def _large_volume_html(volume: LargeVolume) -> str:
+    """Facts about a volume, of which no voxel is read for them."""
+    facts = {
+        **_grid_facts(volume.grid, f"{volume.dtype.name}{', labels' if volume.is_labels else ''}, read in parts"),
+        "levels": str(len(volume.levels)) if len(volume.levels) > 1 else "",
+        "notes": "; ".join(volume.notes),
+    }
+    return f"<div>{title_html('LargeVolume', volume.name)}{_facts(facts)}</div>"
+
+
 def _slices_html(subject: Any, project_one: Callable[..., Picture]) -> str:
     slices = [project_one(subject, view, "slice") for view in _VIEWS_OF_SLICES]
     scale = _SLICE_SIZE / max(map(_longest_side, slices))
@@ -136,7 +155,7 @@ def _slices_html(subject: Any, project_one: Callable[..., Picture]) -> str:
     return image_html(row, "slices " + ", ".join(AXIS_SIDES[view] for view in _VIEWS_OF_SLICES))
 
 
-def _grid_facts(grid: Grid, voxels: str) -> dict[str, str]:
+def _grid_facts(grid: Grid, voxels: str = "") -> dict[str, str]:
     unit = grid.unit and f" {grid.unit}"
     return {
         "shape (z, y, x)": " x ".join(map(str, grid.shape)),
@@ -234,9 +253,26 @@ def steps_html(deformation: Deformation, titles: Sequence[str] = ()) -> str:
 
 
 @as_html.register
+def _any_fit_html(fit: AbstractFit) -> str:
+    """A fit of several parts: what all fits have, and its parts as texts."""
+    parts = getattr(fit, "fits", ()) or (getattr(fit, "forward", None),)
+    facts = {
+        "points": _points_of(fit),
+        "trend": fit.trend,
+        "made of": "; ".join(repr(part) for part in parts[:_ROWS] if part is not None),
+        "notes": "; ".join(fit.notes),
+    }
+    return f"<div>{title_html(type(fit).__name__, '')}{_facts(facts)}</div>"
+
+
+def _points_of(fit: AbstractFit) -> str:
+    return f"{len(fit.ids)} {'in the plane' if fit.dim == 2 else 'in space'}"
+
+
+@as_html.register
 def _fit_html(fit: RBFInterpolant) -> str:
     facts = {
-        "points": f"{len(fit.ids)} {'in the plane' if fit.dim == 2 else 'in space'}",
+        "points": _points_of(fit),
         "kernel": fit.kernel.name,
         "support": f"{float(fit.support):.6g}{fit.unit and f' {fit.unit}'}" if fit.kernel.compact else "",
         "trend": fit.trend,

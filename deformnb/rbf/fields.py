@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
+from deformnb._entrances import AbstractCellOutput
 from deformnb._jax import (
     blockwise,
     double_precision,
@@ -192,7 +193,7 @@ class AbstractField(ABC):
         return self.lattice_values(*grid_lines(grid), min(grid.spacing)).reshape(3, *grid.shape)
 
 
-class AbstractFit(AbstractField):
+class AbstractFit(AbstractField, AbstractCellOutput):
     """A field fitted to control points."""
 
     @property

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._entrances import AbstractCellOutput
 from deformnb._jax import HAS_JAX, float64, full_precision, jit, jnp, pytree
 from deformnb.devices import is_host
 from deformnb.errors import DeformError
@@ -141,7 +140,7 @@ class Polynomial(NamedTuple):
     meta_fields=["kernel", "trend", "of_points", "ids", "unit"],
 )
 @dataclass(frozen=True, eq=False, repr=False)
-class RBFInterpolant(AbstractInterpolant, AbstractCellOutput):
+class RBFInterpolant(AbstractInterpolant):
     """The solved interpolant; a backward displacement field of dimension 2 or 3.
 
     Parameters

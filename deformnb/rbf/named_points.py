@@ -29,7 +29,7 @@ class AbstractNamedItems(ABC):
         return any(given == (item.name if isinstance(given, str) else item) for item in self)
 
 
-class AbstractNamedPoints(ABC, Generic[One]):
+class AbstractNamedPoints(AbstractNamedItems, Generic[One]):
     """Points with names: ``points["head"]`` and ``points[0]`` are one, several are ``points[["head", "tail"]]``,
     ``points[1:3]`` and ``points[mask]``.
     """

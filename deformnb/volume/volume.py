@@ -433,7 +433,7 @@ LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Grid:
+class Grid(AbstractCellOutput):
     """Grid of the voxels of a volume: shape, spacing, origin and direction.
 
     Parameters

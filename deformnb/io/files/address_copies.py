@@ -227,7 +227,7 @@ def describe_failure(address: str, error: Exception) -> VolumeFileError:
 
 
 def explain(error: Exception) -> str:
-    """Why a download failed and what to do, without the parts of other packages' messages that help nobody."""
+    """Reason why a download failed and what to do, without the parts of other packages' messages that help nobody."""
     from requests import exceptions
 
     if isinstance(error, exceptions.HTTPError) and error.response is not None:

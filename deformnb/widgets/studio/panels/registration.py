@@ -20,6 +20,7 @@ import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._deferred import HAS_JAX
 from deformnb.document.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.fields import AbstractField
@@ -78,6 +79,8 @@ _MEASURES = {
     "mi": "Mutual information (any grey scale)",
 }
 _HINT = "Choose the target of the volume. Lock points where the picture has no features."
+_ALL = "Fit all points"
+_WITHOUT_JAX = "This needs JAX, which is not installed: pip install jax"
 _SNAP_TIP = "Each selected point moves to the place in the target that matches its surroundings"
 _ALONG_TIP = "New points on the outline of the subject, which move to the target's outline"
 _SLIDE_TIP = (
@@ -238,7 +241,7 @@ class FitPanel(Panel):
     def _works(self) -> dict[str, tuple[str, Work]]:
         return {
             "Snap selected points": (_SNAP_TIP, self._snap),
-            "Fit all points": ("Move all points that are not locked so that the pictures match", self._fit),
+            _ALL: ("Move all points that are not locked so that the pictures match", self._fit),
             "Points along the outline": (_ALONG_TIP, self._fit_outlines),
             "Slide along the outline": (_SLIDE_TIP, self._slide),
         }
@@ -259,6 +262,8 @@ class FitPanel(Panel):
         idle = not self.progress.is_busy and self.target.volume is not None
         for text, made in self.buttons.items():
             made.disabled = not idle or ("outline" in text and self.session.editing.step.plane is None)
+        if not HAS_JAX:  # the others compute nothing that needs it
+            self.buttons[_ALL].disabled, self.buttons[_ALL].tooltip = True, _WITHOUT_JAX
         self.choice.disabled = self.progress.is_busy
 
     # -- the target ----------------------------------------------------------------------------------------------------

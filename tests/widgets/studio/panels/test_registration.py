@@ -116,6 +116,14 @@ def test_without_a_target_nothing_can_be_pressed(tmp_path: Path) -> None:
     bench.panel.close()
 
 
+def test_what_only_jax_can_do_is_not_offered_without_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.studio.panels.registration.HAS_JAX", False)
+    bench = Bench(tmp_path, TARGET)
+    disabled = {text: made.tooltip for text, made in bench.panel.buttons.items() if made.disabled}
+    assert disabled == {"Fit all points": "This needs JAX, which is not installed: pip install jax"}
+    bench.panel.close()
+
+
 def test_fit_all_points_finds_them_again_as_one_edit(bench: Bench) -> None:
     before = bench.session.editing.points
     assert bench.misses().max() > 3
