@@ -194,6 +194,7 @@ class DeformVolumeWidget(QWidget):
         self.automatic.toggled.connect(self._toggle_automatic)
         box = QWidget()
         layout = _row(self.support, self.automatic)
+        layout.setStretch(0, 1)  # the number, with its unit, is longer than the word
         layout.setContentsMargins(0, 0, 0, 0)
         box.setLayout(layout)
         return box
