@@ -9,6 +9,8 @@ import type { Volume } from "./volume_files.ts";
 /** Suffixes of pictures. */
 export const PICTURE_SUFFIXES = [".png", ".jpg", ".jpeg"];
 const MOST_PIXELS = 2 ** 26; // 67 million; phones take pictures of 12 to 50
+const STRIP = 2 ** 22; // pixels that are drawn at once
+const NO_MEMORY = "there is not enough memory for it; make it smaller.";
 const SHOWN = 2048; // pixels along a side that the editor shows
 
 export interface Photograph {
@@ -57,6 +59,24 @@ export async function readPicture(blob: Blob, name: string): Promise<Photograph>
   }
 }
 
+/** The pixels of a picture, strip by strip: a canvas of an iPhone holds 17 million, and a photograph of it has 12 to 48. */
+function pixelsOf(bitmap: ImageBitmap) {
+  const { width, height } = bitmap,
+    rows = Math.min(height, Math.max(1, Math.floor(STRIP / width))),
+    canvas = Object.assign(document.createElement("canvas"), { width, height: rows });
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  if (!context) throw new FileError(NO_MEMORY);
+  context.globalCompositeOperation = "copy";
+  const rgba = new Uint8ClampedArray(4 * width * height);
+  for (let top = 0; top < height; top += rows) {
+    context.drawImage(bitmap, 0, -top);
+    const high = Math.min(rows, height - top);
+    rgba.set(context.getImageData(0, 0, width, high).data, 4 * width * top);
+  }
+  if (rgba.every((value) => value === 0)) throw new FileError(NO_MEMORY); // what such a browser draws
+  return rgba;
+}
+
 async function decodePicture(blob: Blob, name: string) {
   let bitmap: ImageBitmap;
   try {
@@ -69,13 +89,9 @@ async function decodePicture(blob: Blob, name: string) {
     throw new FileError("the browser cannot read it; it is damaged or cut short.");
   }
   const { width, height } = bitmap,
-    canvas = Object.assign(document.createElement("canvas"), { width, height });
-  const context = canvas.getContext("2d", { willReadFrequently: true });
-  if (!context) throw new FileError("there is not enough memory for it; make it smaller.");
-  context.drawImage(bitmap, 0, 0);
-  bitmap.close();
-  const rgba = context.getImageData(0, 0, width, height).data,
+    rgba = pixelsOf(bitmap),
     values = new Uint8Array(width * height);
+  bitmap.close();
   for (let k = 0; k < values.length; k++) {
     values[k] = (rgba[4 * k]! * 19595 + rgba[4 * k + 1]! * 38470 + rgba[4 * k + 2]! * 7471 + 0x8000) >> 16;
   }

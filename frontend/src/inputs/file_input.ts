@@ -12,6 +12,18 @@ const hasFiles = ({ dataTransfer }: DragEvent) => Boolean(dataTransfer?.types.in
 
 const size = (bytes: number) => (bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
 
+/**
+ * The endings of names for a chooser of files. Safari and macOS know the last part of an ending alone: without it files
+ * of ".nii.gz" cannot be chosen there.
+ */
+function acceptedNames(endings: string) {
+  const all = endings.split(",").map((ending) => ending.trim());
+  const last = all
+    .filter((ending) => ending.lastIndexOf(".") > 0)
+    .map((ending) => ending.slice(ending.lastIndexOf(".")));
+  return [...new Set([...all, ...last])].join(",");
+}
+
 class FileInputView extends Widget {
   button: HTMLButtonElement;
   chooser: HTMLInputElement;
@@ -69,7 +81,7 @@ class FileInputView extends Widget {
     const { model } = this;
     setText(this.button, model.get("label"));
     this.button.title = this.veil.textContent = model.get("tip");
-    this.chooser.accept = model.get("accept");
+    this.chooser.accept = acceptedNames(model.get("accept"));
   }
 
   // ---- drops --------------------------------------------------------------------------------------------------------

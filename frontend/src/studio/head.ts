@@ -6,7 +6,17 @@ import type { EditorDrawing } from "../editor/base.ts";
 import { pictureSnapshot, type SavedEditor } from "../editor/snapshot.ts";
 import type { MenuRequest, SaveRequest } from "../generated.ts";
 import type { Model } from "../types.ts";
-import { buttonElement, iconElement, named, OWN_KEYS, pageElement, setText, viewOf } from "../ui/dom.ts";
+import {
+  buttonElement,
+  canFillScreen,
+  fillScreen,
+  iconElement,
+  named,
+  OWN_KEYS,
+  pageElement,
+  setText,
+  viewOf,
+} from "../ui/dom.ts";
 import { SavedPictureMenu } from "../ui/saved_picture.ts";
 import { Widget, widgetOf } from "../ui/widget.ts";
 import { showInLanguage } from "../ui/words.ts";
@@ -68,7 +78,8 @@ class StudioHead extends Widget {
     this.opener = this.#button("Open", () => this.open());
     this.saver = this.#button("Save", () => this.save());
     this.saver.classList.add("dnb-save");
-    this.full = this.#icon("full", () => this.#fill(), "Whole screen");
+    this.full = this.#icon("full", () => fillScreen(this.studio), "Whole screen");
+    this.full.hidden = !canFillScreen();
     this.help = this.#icon("help", () => this.#editor?.commands.run("help", null), "Keys and gestures (?)");
     this.onChange(["name", "facts", "history", "unsaved", "tip"], () => this.draw());
     // In the capture phase: the host's listeners may end the event; they still receive it, so a notebook is saved too.
@@ -267,11 +278,6 @@ class StudioHead extends Widget {
 
   #travel(way: "undo" | "redo") {
     this.#editor?.commands.run(way, null);
-  }
-
-  #fill() {
-    if (document.fullscreenElement) document.exitFullscreen();
-    else this.studio?.requestFullscreen();
   }
 
   #key(event: KeyboardEvent) {

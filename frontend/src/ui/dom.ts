@@ -91,6 +91,19 @@ export function setText(node: Node, text: string) {
   if (node.textContent !== text) node.textContent = text;
 }
 
+/** Whether an element can have the whole screen: an iPhone gives it to films alone, and a frame needs its page's leave. */
+export const canFillScreen = () => Boolean(document.fullscreenEnabled);
+
+/** Give an element the whole screen, or take it back; false where the browser refuses. */
+export async function fillScreen(element: Element | null) {
+  try {
+    await (document.fullscreenElement ? document.exitFullscreen() : element?.requestFullscreen());
+    return true;
+  } catch {
+    return false;
+  }
+}
+
 /** Download a file. */
 export function saveFile(blob: Blob, name: string) {
   const link = pageElement("a", "", null, { download: name });

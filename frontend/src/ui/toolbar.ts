@@ -303,6 +303,11 @@ class MoreMenu {
     });
     this.root.addEventListener("click", ({ target }) => host.guard(() => this.#choose(target)));
     this.root.addEventListener("keydown", (event) => host.guard(() => this.#key(event)));
+    // Safari gives no focus to a button that is pressed: the menu would lose it, and close before the click.
+    for (const part of [this.root, opener])
+      part.addEventListener("mousedown", (event) => {
+        if (this.isOpen) event.preventDefault();
+      });
     this.root.addEventListener("focusout", ({ relatedTarget: next }) =>
       host.guard(() => {
         if (!(next instanceof Node && this.root.contains(next)) && next !== this.opener) this.close(false);

@@ -3,7 +3,7 @@
 import type { LiveViewToPython, VolumeViewToPython } from "../generated.ts";
 import type { Handlers, Model, ModelHandler, Without } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
-import { OWN_KEYS, pageElement } from "../ui/dom.ts";
+import { canFillScreen, fillScreen, OWN_KEYS, pageElement } from "../ui/dom.ts";
 import { MessageRow } from "../ui/messages.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
 import { type SavedPicture, SavedPictureMenu } from "../ui/saved_picture.ts";
@@ -81,10 +81,11 @@ export class ViewElements {
       actions.picture,
       (message) => this.messages.set("picture", message, { kind: "error" }),
     );
-    this.cube.addButton("dnb-full", FULL_SCREEN, "Whole screen", () => {
-      if (document.fullscreenElement) document.exitFullscreen();
-      else this.pane.requestFullscreen();
-    });
+    if (canFillScreen())
+      this.cube.addButton("dnb-full", FULL_SCREEN, "Whole screen", async () => {
+        const isDone = await fillScreen(this.pane);
+        this.messages.set("screen", isDone ? "" : "The browser has refused the whole screen", { kind: "error" });
+      });
     this.theme = new Theme(this.root, actions.rethemed);
     this.flicker = new Flicker(this.root, actions.flip);
     this.compare = new CompareControls(this.root, actions.handleComparison);
