@@ -4,8 +4,8 @@ import { mapVector } from "../maths/camera.ts";
 import { chosenPlace, coverage, marginOf } from "../maths/cuts.ts";
 import { fieldOnRaster, isStill } from "../maths/rigid_stages.ts";
 import { sampledFits } from "../maths/sampled_fit.ts";
-
 import type { LayeredFit, PictureRaster, Raster, Vector2, Vector3, Vector4 } from "../types.ts";
+import { HIDDEN_PIXELS, hidesPixels } from "../ui/canvas_pixels.ts";
 
 /**
  * The visible part of the picture plane: a place (a, b) is at (k a + x, k b + y) CSS pixels; the size in CSS
@@ -214,6 +214,7 @@ export class PictureSource {
 
 /** The bytes of a PNG as a source for the painter. */
 export async function decodePicture(bytes: Buffered, raster: PictureRaster) {
+  if (hidesPixels()) throw new Error(HIDDEN_PIXELS);
   const view = bytesOf(bytes);
   const bitmap = await createImageBitmap(new Blob([view], { type: "image/png" }), {
     colorSpaceConversion: "none",

@@ -1,6 +1,7 @@
 // Pictures (PNG, JPEG) as volumes of one slice, as deformnb/io/volumes/images.py reads them: grey values by ITU-R 601 as Pillow
 // rounds them, rotated as the camera states, rows along y. The browser unpacks them.
 
+import { HIDDEN_PIXELS, hidesPixels } from "../ui/canvas_pixels.ts";
 import { checkGrid, IDENTITY } from "../volume/grid.ts";
 import { FileError, shownText } from "./reading.ts";
 
@@ -66,6 +67,7 @@ function pixelsOf(bitmap: ImageBitmap) {
     canvas = Object.assign(document.createElement("canvas"), { width, height: rows });
   const context = canvas.getContext("2d", { willReadFrequently: true });
   if (!context) throw new FileError(NO_MEMORY);
+  if (hidesPixels()) throw new FileError(HIDDEN_PIXELS);
   context.globalCompositeOperation = "copy";
   const rgba = new Uint8ClampedArray(4 * width * height);
   for (let top = 0; top < height; top += rows) {

@@ -9,6 +9,7 @@ import { readVolume, VOLUME_SUFFIXES, volumeSuffix, voxelChecksum } from "../for
 import { PICTURE_SIDES } from "../generated.ts";
 import { coarseMask } from "../maths/tissue_extent.ts";
 import type { Plane, Values, Vector4 } from "../types.ts";
+import { HIDDEN_PIXELS, hidesPixels } from "../ui/canvas_pixels.ts";
 import { coarserGrid, lengthsOf, pictureSides, planeAlong, unitOf, voxelRaster } from "../volume/grid.ts";
 import type { Measured } from "../volume/levels.ts";
 import {
@@ -67,6 +68,7 @@ export async function pngOf(rgba: Uint8ClampedArray<ArrayBuffer>, width: number,
 }
 
 export function blobOf(canvas: HTMLCanvasElement): Promise<Blob> {
+  if (hidesPixels()) return Promise.reject(new Error(HIDDEN_PIXELS));
   return new Promise((resolve, reject) =>
     canvas.toBlob((blob) => {
       if (blob) resolve(blob);

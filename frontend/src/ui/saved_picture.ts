@@ -1,5 +1,6 @@
 // The picture that a camera button saves: twice as large as its pane, with a scale bar and without the ground if wanted.
 
+import { HIDDEN_PIXELS, hidesPixels } from "./canvas_pixels.ts";
 import { buttonElement, named, OWN_KEYS, pageElement, saveFile, setAttributes } from "./dom.ts";
 
 /** `hasScale`: a scale bar is drawn; `isTransparent`: what is behind the object is clear. */
@@ -20,6 +21,7 @@ export function savedCanvas({ width, height }: { width: number; height: number }
 }
 
 export function pngOf(canvas: HTMLCanvasElement): Promise<Blob | null> {
+  if (hidesPixels()) return Promise.reject(new Error(HIDDEN_PIXELS));
   return new Promise((resolve) => {
     canvas.toBlob(resolve, "image/png");
   });
