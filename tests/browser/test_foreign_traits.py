@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE
-from browser.test_file_page import FilePage
+from browser.live_page import LivePage
+from browser.test_file_page import ALERT, FilePage
 from PIL import Image
 
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.file_pages import write_file_page
+from deformnb.widgets.inputs.file_input import FileInput
 
 pytestmark = pytest.mark.needs_browser
 
@@ -35,6 +37,14 @@ PHONE = f"""{{ const draw = CanvasRenderingContext2D.prototype.drawImage;
   CanvasRenderingContext2D.prototype.drawImage = function (...given) {{
     if (this.canvas.width * this.canvas.height <= {MOST}) draw.apply(this, given); }};
   delete Document.prototype.fullscreenEnabled; delete Element.prototype.requestFullscreen; }}"""
+
+
+# Firefox that resists fingerprinting, and Tor Browser, give a page stripes in place of the pixels.
+STRIPES = """{ const read = CanvasRenderingContext2D.prototype.getImageData;
+  CanvasRenderingContext2D.prototype.getImageData = function (...given) {
+    const image = read.apply(this, given);
+    image.data.forEach((_, k) => { image.data[k] = (37 * k) % 256; });
+    return image; }; }"""
 
 
 @pytest.fixture
@@ -91,3 +101,19 @@ def test_an_iphone_is_offered_no_whole_screen(phone: FilePage) -> None:
     phone.wait_loaded()
     assert phone.page.get_by_role("button", name="Save a picture of the view (PNG)").is_visible()
     assert phone.page.get_by_role("button", name="Whole screen").count() == 0
+
+
+def test_pixels_that_are_hidden_are_named(browser: Any, tmp_path: Path) -> None:
+    write_file_page(tmp_path / "page.html")
+    page = FilePage(browser, tmp_path / "page.html", (940, 700), STRIPES)
+    Image.fromarray(np.zeros((30, 40, 3), np.uint8)).save(tmp_path / "photo.png")
+    page.drop(tmp_path / "photo.png")
+    page.wait(f"{ALERT}.includes('hides the pixels of pictures')")
+    page.context.close()
+    assert page.errors == []
+
+
+def test_the_last_part_of_each_ending_is_accepted_too(page: LivePage) -> None:
+    page.add(FileInput(lambda path, progress: None, lambda action: None, accept=".nrrd,.nii.gz,.nii"), "input")
+    page.wait("document.querySelector('.dnb-fi-chooser')?.accept")
+    assert page.page.locator(".dnb-fi-chooser").get_attribute("accept") == ".nrrd,.nii.gz,.nii,.gz"
