@@ -183,7 +183,7 @@ def firefox_tab(folder: Path) -> Iterator[Tab]:
     assert program
     profile.mkdir()
     lines = (f"user_pref({json.dumps(name)}, {json.dumps(value)});\n" for name, value in _PREFERENCES.items())
-    (profile / "user.js").write_text("".join(lines))
+    (profile / "user.js").write_text("".join(lines), encoding="utf-8")
     command = [program, "--headless", "--no-remote", "--profile", str(profile), "--remote-debugging-port", "0"]
     with _screen(folder) as display, _running(command, folder, DISPLAY=display) as said:
         tab = FirefoxTab(_await_text(said, r"listening on (ws://\S+)"))

@@ -1,4 +1,4 @@
-"""What Safari and iPhones do otherwise than Chromium, emulated in Chromium: each was a fault once."""
+"""Behaviour of Safari, iPhones and browsers that hide pixels, emulated in Chromium: each was a fault once."""
 
 from __future__ import annotations
 
