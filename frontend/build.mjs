@@ -16,7 +16,7 @@ const outdir = join(here, "..", "deformnb", "widgets", "static");
 const isDebug = process.argv.includes("--debug");
 
 /** Parts of the style sheet of each widget. */
-const EVERYWHERE = ["ui/disconnected.css", "ui/vs_code.css"];
+const EVERYWHERE = ["ui/disconnected.css", "ui/vs_code.css", "ui/fingers.css"];
 
 const VIEW = [
   "view/live_view.css",

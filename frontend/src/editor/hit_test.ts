@@ -1,6 +1,6 @@
 // Hit test of a pointer in the editor: a point, a shape, a handle, or a mark.
 
-import { treeOf } from "../ui/dom.ts";
+import { elementUnder } from "../ui/fingers.ts";
 import type { PartHandle } from "./motion_handles.ts";
 import type { EditorParts } from "./parts.ts";
 import type { Chosen, Grip } from "./shape_handles.ts";
@@ -46,7 +46,7 @@ export class HitTest {
     const { type, target } = event,
       isPlaced = ["pointerdown", "dblclick", "contextmenu"].includes(type);
     if (!(event instanceof MouseEvent && isPlaced)) return { target };
-    return { target: treeOf(this.editor.stage.root).elementFromPoint(event.clientX, event.clientY) };
+    return { target: elementUnder(this.editor.stage.svg, event) };
   }
 
   /** The point that an event is about. */

@@ -2,6 +2,7 @@
 
 import type { Vector2 } from "../types.ts";
 import { slackOf } from "../ui/dom.ts";
+import { grabNearest } from "../ui/fingers.ts";
 import { type Gesture, keepPage, PanGesture } from "./gesture.ts";
 import { PinchGesture } from "./gestures.ts";
 import type { EditorParts } from "./parts.ts";
@@ -34,6 +35,7 @@ export class Gestures {
       { svg, root, closing } = editor.stage,
       { signal } = closing,
       options = { signal };
+    grabNearest(svg, signal);
     frames.listen(svg, "pointerdown", (e) => this.#down(e), options);
     frames.listen(svg, "pointermove", (e) => this.#move(e), options);
     frames.listen(svg, "pointerup", (e) => this.#up(e), options);

@@ -4,7 +4,8 @@
 import type { CurveEditorToFrontEnd } from "../generated.ts";
 import { EditLink } from "../sync/edits.ts";
 import type { Model, Values, Vector2 } from "../types.ts";
-import { buttonElement, named, pageElement, setText, slackOf, targetOf, treeOf } from "../ui/dom.ts";
+import { buttonElement, named, pageElement, setText, slackOf, targetOf } from "../ui/dom.ts";
+import { elementUnder, grabNearest } from "../ui/fingers.ts";
 import { ThemeObserver } from "../ui/theme.ts";
 import { Widget } from "../ui/widget.ts";
 
@@ -21,7 +22,7 @@ export function targetIndex(elements: Element[], event: Event) {
  * the clicks of a captured pointer are dispatched to the element that has captured it.
  */
 export function attributeUnder(event: MouseEvent, within: Element, name: string) {
-  const hit = treeOf(within).elementFromPoint(event.clientX, event.clientY)?.closest(`[${name}]`);
+  const hit = elementUnder(within, event)?.closest(`[${name}]`);
   return hit && within.contains(hit) ? hit.getAttribute(name) : null;
 }
 
@@ -152,8 +153,8 @@ export interface DragHandler<T> {
  * returns whether there was one.
  */
 export function listenToDrags<T>(
-  view: Pick<InputView, "isReadOnly" | "listen">,
-  target: Element,
+  view: Pick<InputView, "isReadOnly" | "listen" | "closing">,
+  target: SVGElement,
   handler: DragHandler<T>,
 ) {
   let held: { grabbed: T; pointer: number; from: Vector2; isPress: boolean } | null = null;
@@ -165,6 +166,7 @@ export function listenToDrags<T>(
   };
   // A finger on a node must not scroll the page; touch-action of a part of an SVG does not prevent that.
   view.listen(target, "touchmove", (event) => held && event.cancelable && event.preventDefault(), { passive: false });
+  grabNearest(target, view.closing.signal);
   view.listen(target, "pointerdown", (event) => {
     if (held || event.button !== 0) return;
     const grabbed = handler.press(event);

@@ -5,6 +5,7 @@ import { newPoint } from "../maths/points.ts";
 import { rbfAt, rbfFit } from "../maths/rbf.ts";
 import type { Model, Point, Vector2 } from "../types.ts";
 import { ARROWS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { isForFingers } from "../ui/fingers.ts";
 import { widgetOf } from "../ui/widget.ts";
 import { InputView, listenToDrags, targetIndex } from "./base.ts";
 import { markElement } from "./nodes_view.ts";
@@ -16,6 +17,7 @@ const STEP = 1 / 200; // of the picture's longer side, for an arrow key; Shift m
 const EDGE = 0.03; // around the picture, as a share of its longer side: nodes on its border are whole
 const MOST_UNDO = 100;
 const HINT = "Drag the corners first, then nodes; arrow keys move the node that has the focus";
+const FINGER_HINT = "Drag the corners first, then nodes";
 
 class GridDrawingView extends InputView {
   svg: SVGSVGElement;
@@ -255,7 +257,7 @@ class GridDrawingView extends InputView {
     }
     this.undo.disabled = this.isReadOnly || this.undone.length === 0;
     this.spread.disabled = this.isReadOnly || placed.every((k) => corners.includes(k));
-    setText(this.note, this.isReadOnly ? "shown only" : HINT);
+    setText(this.note, this.isReadOnly ? "shown only" : isForFingers() ? FINGER_HINT : HINT);
   }
 
   #make(k: number) {

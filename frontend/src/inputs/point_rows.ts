@@ -4,7 +4,7 @@ import type { PointsCommand } from "../generated.ts";
 import { numberOf } from "../maths/point_names.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { Model, Point } from "../types.ts";
-import { targetSize } from "../ui/dom.ts";
+import { targetSize } from "../ui/fingers.ts";
 
 /** The names of the axes of a picture or of a volume. */
 export function axisNames(dim: number) {

@@ -1,16 +1,8 @@
 // The elements of the table of control points: headings, the rows in sight, and the marked cell.
 
 import { nameOf } from "../maths/point_names.ts";
-import {
-  buttonElement,
-  iconElement,
-  OWN_KEYS,
-  pageElement,
-  setAttributes,
-  setText,
-  targetSize,
-  treeOf,
-} from "../ui/dom.ts";
+import { buttonElement, iconElement, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.ts";
+import { targetSize } from "../ui/fingers.ts";
 import type { Column, PointList, TableRow } from "./point_rows.ts";
 import { cellValue, editText, fittingColumns, formatNumber, leastWidth, pointColumns } from "./point_rows.ts";
 

@@ -117,7 +117,7 @@ export class RowEdits {
 /** What a row uses of the editor. */
 interface RowEditor
   extends Omit<Snapshot, "named">,
-    Pick<InputView, "model" | "isReadOnly" | "listen" | "draw" | "showMessage" | "announce"> {
+    Pick<InputView, "model" | "isReadOnly" | "listen" | "closing" | "draw" | "showMessage" | "announce"> {
   svg: SVGSVGElement;
   settle: () => void;
   axes: ValueAxes;

@@ -7,6 +7,7 @@ import type { Growth } from "../maths/thompson.ts";
 import { cellsOf, growthOf, pairPoints, progressOf, reachedNodes, twelveNodes } from "../maths/thompson.ts";
 import { busOf } from "../sync/bus.ts";
 import type { FitSettings, PicturePoint, PointsDetail, Values, Vector2 } from "../types.ts";
+import { elementUnder } from "../ui/fingers.ts";
 import { GoalDrawing } from "./goal_drawing.ts";
 import type { LaidPair } from "./laid_pair.ts";
 import { PAPER } from "./laid_pair.ts";
@@ -72,11 +73,9 @@ function allowDragsAlone(root: Element) {
     listen = (name: string, isAllowed: (event: Event) => boolean) =>
       root.addEventListener(name, (event) => isAllowed(event) || stop(event), { capture: true });
   listen("pointerdown", (event) => {
-    // A browser directs a finger to something near it, which an editor may find too far away.
-    const { clientX: x, clientY: y, target } = event as PointerEvent,
-      hit = target instanceof Element ? target.closest(".dnb-ed-target")?.querySelector(".dnb-ed-hit") : null,
-      box = hit?.getBoundingClientRect();
-    return box !== undefined && x >= box.left && x <= box.right && y >= box.top && y <= box.bottom;
+    // A browser directs a finger to something near it, which may be too far away.
+    const hit = elementUnder(root, event as PointerEvent)?.closest(".dnb-ed-target") ?? null;
+    return hit !== null && root.contains(hit);
   });
   listen("keydown", (event) => {
     const { key, ctrlKey, metaKey } = event as KeyboardEvent;
@@ -129,7 +128,7 @@ export class DrawingStep {
       { signal } = new AbortController();
     const opened = await openVolume(pair.photograph.volume, pair.photograph, () => {}, signal),
       data = await dataOf(template, opened, "+z");
-    const ghost = await blobOf(mode === "growth" ? areaDrawing(pair) : pair.goal);
+    const ghost = await (mode === "growth" ? blobOf(areaDrawing(pair)) : pair.goalPicture());
     if (number !== this.#number) return;
     const points = mode === "drag" ? this.#ownPoints(pair, targets) : pairPoints(pair);
     Object.assign(data, {
@@ -171,7 +170,7 @@ export class DrawingStep {
   /** Show the second drawing alone. */
   async showGoal(pair: LaidPair) {
     const caption = pair.second.title;
-    this.goal.show(await blobOf(pair.goal), pair.box, { caption, alt: caption });
+    this.goal.show(await pair.goalPicture(), pair.box, { caption, alt: caption });
   }
 
   #ownPoints(pair: LaidPair, targets: Vector2[] | null) {

@@ -56,9 +56,14 @@ export function carpVolume({ carp: { name, values, shape, spacing, origin, direc
   };
 }
 
-/** The scan of a figure, decoded. */
+const decoded = new WeakMap<DataView, Promise<ImageBitmap>>(); // most scans show more than one figure
+
+/** The scan of a figure, decoded once. */
 export function scanOf({ scans }: Examples, { image }: Figure): Promise<ImageBitmap> {
-  return createImageBitmap(new Blob([scans[image]!], { type: "image/png" }));
+  const bytes = scans[image]!,
+    scan = decoded.get(bytes) ?? createImageBitmap(new Blob([bytes], { type: "image/png" }));
+  decoded.set(bytes, scan);
+  return scan;
 }
 
 /** A figure as a drawing with a grid: the part of its scan with the grid and what reaches a little beyond. */

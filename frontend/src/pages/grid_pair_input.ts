@@ -21,6 +21,7 @@ export class GridPairInput {
   /** Below the pictures: room for a button beside the lines. */
   readonly foot: HTMLElement;
   readonly #views: OwnDrawingView[];
+  readonly #field: HTMLElement;
   readonly #lines: HTMLSelectElement;
 
   /**
@@ -41,9 +42,9 @@ export class GridPairInput {
         new OwnDrawingView(pictures, widgets, source, (drawing) => runGuarded(() => this.#take(k, drawing))),
     );
     this.foot = pageElement("div", "dnb-grid-pair-foot", parent);
-    const field = pageElement("label", "dnb-page-field", this.foot, { title: "rows and columns of both grids" });
-    pageElement("span", "dnb-page-label", field, {}, "Grid lines");
-    this.#lines = pageElement("select", "dnb-page-select", field, { name: "lines", ...OWN_KEYS });
+    this.#field = pageElement("label", "dnb-page-field", this.foot, { title: "rows and columns of both grids" });
+    pageElement("span", "dnb-page-label", this.#field, {}, "Grid lines");
+    this.#lines = pageElement("select", "dnb-page-select", this.#field, { name: "lines", ...OWN_KEYS });
     pageElement("option", "", this.#lines, { value: "", hidden: "" }, "");
     for (const [k, [rows, columns]] of LINES.entries())
       pageElement("option", "", this.#lines, { value: k }, `${rows} \u00d7 ${columns}`);
@@ -108,7 +109,7 @@ export class GridPairInput {
     const shown = this.drawings.find(Boolean),
       index = shown ? LINES.findIndex((lines) => String(lines) === String(linesOf(shown))) : -1;
     this.#lines.value = index < 0 ? "" : String(index);
-    this.#lines.disabled = !shown;
+    this.#field.hidden = !shown;
   }
 
   hide() {

@@ -6,6 +6,7 @@ import type { Nodes } from "../maths/thompson.ts";
 import { boxOfNodes, placePair } from "../maths/thompson.ts";
 import type { Vector2, Vector4 } from "../types.ts";
 import { checkGrid, IDENTITY } from "../volume/grid.ts";
+import { blobOf } from "./opened_file.ts";
 
 /** A picture with a grid on it. */
 export interface Drawing {
@@ -67,6 +68,7 @@ export class LaidPair {
   readonly goal: HTMLCanvasElement;
   /** Where the middle of the first drawing's first pixel is on the sheets. */
   readonly origin: Vector2;
+  #goalPicture: Promise<Blob> | null = null;
 
   constructor(
     readonly first: Drawing,
@@ -96,6 +98,12 @@ export class LaidPair {
       first.name,
     );
     this.goal = sheetOf(box, { image: second.image, part: second.part, scale, shift });
+  }
+
+  /** The sheet of the second drawing as a PNG, written once. */
+  goalPicture() {
+    this.#goalPicture ??= blobOf(this.goal);
+    return this.#goalPicture;
   }
 
   /** The edges of the sheets: a0, a1, b0, b1. */

@@ -237,13 +237,26 @@ async function greyPicture(volume: Volume, about: Measured, plane: Plane) {
   };
 }
 
-async function colourPicture({ shown: { rgba, width, height, factor }, volume }: Photograph, plane: Plane) {
+const written = new WeakMap<Photograph["shown"], Promise<DataView<ArrayBuffer>>>();
+
+/** A photograph as a PNG, written once. */
+function photographPng({ shown }: Photograph) {
+  const png = written.get(shown) ?? pngOf(shown.rgba, shown.width, shown.height);
+  written.set(shown, png);
+  return png;
+}
+
+async function colourPicture(photograph: Photograph, plane: Plane) {
   const {
+      shown: { width, height, factor },
+      volume,
+    } = photograph,
+    {
       spacing: [du, dv],
       origin: [a, b],
     } = voxelRaster(volume.grid, plane),
     off = (factor - 1) / 2;
-  const image = await pngOf(rgba, width, height);
+  const image = await photographPng(photograph);
   return {
     image,
     still: image,

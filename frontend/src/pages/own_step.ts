@@ -13,7 +13,8 @@ import type { ShareSlider } from "./share_slider.ts";
 import { runGuarded } from "./standalone_page.ts";
 
 const TITLES = ["1. The first animal, leaf or face", "2. The second one"] as const;
-const NEEDED = "Choose two pictures, and drag the corners and then the nodes of each grid to the same parts of both.";
+const NEEDED = "Choose two pictures: a grid is laid on each.";
+const LAID = "Drag the corners and then the nodes of each grid to the same parts of both pictures, and show the map.";
 
 export class OwnStep {
   readonly result: DrawingStep;
@@ -53,6 +54,7 @@ export class OwnStep {
     );
     const result = pageElement("div", "dnb-th-pictures dnb-th-result-place", place);
     result.append(slider.element);
+    slider.element.hidden = true; // until there is a map
     this.result = new DrawingStep(result, tools);
     this.result.goal.element.hidden = true;
     this.#buttons = pageElement("div", "dnb-th-buttons", place, { hidden: "" });
@@ -79,7 +81,7 @@ export class OwnStep {
   #update() {
     const { drawings, fold } = this.#input;
     this.#show.disabled = !drawings.every(Boolean) || Boolean(fold);
-    if (!this.#pair) this.tools.report({ words: fold || NEEDED, percent: null });
+    if (!this.#pair) this.tools.report({ words: fold || (drawings.every(Boolean) ? LAID : NEEDED), percent: null });
   }
 
   #forgetMap() {

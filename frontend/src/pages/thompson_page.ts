@@ -31,7 +31,8 @@ export interface ThompsonTemplate extends Template {
 }
 
 const NARROW = 860; // CSS pixels below which pictures are stacked
-const FLAT = { width: 600, height: 500 }; // CSS pixels of a phone that is held across, where they are not
+// CSS pixels of a phone that is held across, where they are not: the least height of a picture, and what is below it.
+const FLAT = { width: 600, height: 500, picture: [150, 100] } as const;
 const STAGE_SHARE = 0.38; // of a phone's height, for a picture
 const BELOW = 250; // CSS pixels that wide pages need under the pictures
 const GAP = 16;
@@ -125,6 +126,7 @@ export class ThompsonPage {
       this.choose({ pair: Number(this.elements.pairs.value), share: 0 }),
     );
     window.addEventListener("resize", () => this.#fit());
+    document.addEventListener("fullscreenchange", () => this.#placeSlider());
     window.addEventListener("pagehide", () => this.#store());
     this.#footer(root);
   }
@@ -143,8 +145,17 @@ export class ThompsonPage {
     const isFlat = width >= FLAT.width && window.innerHeight < FLAT.height;
     if (width < NARROW && !isFlat) return { width, height: STAGE_SHARE * window.innerHeight };
     const isOwn = this.state.step === "own", // where the map is farther down
-      height = isFlat || isOwn ? 0.6 * window.innerHeight : Math.max(260, window.innerHeight - above - BELOW);
+      [least, below] = isFlat ? FLAT.picture : [260, BELOW];
+    const height = isOwn ? 0.6 * window.innerHeight : Math.max(least, window.innerHeight - above - below);
     return { width: (width - GAP) / 2, height };
+  }
+
+  /** Put the slider between the pictures, or below the carp that has the whole screen. */
+  #placeSlider() {
+    const pane = document.fullscreenElement,
+      { element } = this.slider;
+    if (pane && this.elements.stage.contains(pane)) pane.append(element);
+    else this.drawing.goal.element.before(element);
   }
 
   #fit() {
@@ -188,7 +199,6 @@ export class ThompsonPage {
     elements.stage.hidden = step === "own";
     elements.own.hidden = step !== "own";
     elements.bar.hidden = step === "own";
-    this.slider.element.hidden = !SLIDES.includes(step);
     this.#undo.hidden = step !== "drag";
     this.#ghost.hidden = step !== "drag" && step !== "morph";
     this.#next.hidden = step === "own";
@@ -197,6 +207,7 @@ export class ThompsonPage {
     try {
       this.#fit();
       await this.#showStep(step);
+      this.#fit(); // the words above are as long as they are in its language
       document.body.dataset.shown = state.step;
     } catch (error) {
       console.error(error);
@@ -222,6 +233,7 @@ export class ThompsonPage {
       await this.own.show();
       return;
     }
+    slider.element.hidden = !SLIDES.includes(step);
     drawing.goal.element.before(slider.element);
     slider.set(state.share);
     const pair = await this.#pairOf(state.pair);

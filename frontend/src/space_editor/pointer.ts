@@ -10,7 +10,8 @@ import type { Chosen } from "../editor/shape_handles.ts";
 import { middleOf } from "../maths/points.ts";
 import { toPane } from "../maths/space.ts";
 import type { Vector2 } from "../types.ts";
-import { slackOf, targetOf, treeOf } from "../ui/dom.ts";
+import { slackOf, targetOf } from "../ui/dom.ts";
+import { elementUnder, grabNearest } from "../ui/fingers.ts";
 import { CrossGesture, DraftGesture, MirrorGesture, SliceWindowGesture } from "./gestures.ts";
 import type { SpacePane } from "./pane.ts";
 import { LINES } from "./pane_marks.ts";
@@ -56,6 +57,7 @@ export class PaneGestures {
       { signal } = row.closing;
     const options = { signal },
       active = { signal, passive: false };
+    grabNearest(svg, signal);
     frames.listen(svg, "pointerdown", (e) => this.#down(e), options);
     frames.listen(svg, "pointermove", (e) => this.#move(e), options);
     frames.listen(svg, "pointerup", (e) => this.#up(e), options);
@@ -81,7 +83,7 @@ export class PaneGestures {
   /** The element under the pointer. Clicks of a captured pointer go to the element that has captured it. */
   #elementAt(event: MouseEvent) {
     const isClick = event.type === "dblclick" || event.type === "contextmenu";
-    return isClick ? treeOf(this.editor.row.root).elementFromPoint(event.clientX, event.clientY) : targetOf(event);
+    return isClick ? elementUnder(this.pane.svg, event) : targetOf(event);
   }
 
   /** The point under the pointer, or null. */

@@ -165,10 +165,3 @@ export function beforeActionOutside(root: HTMLElement, action: () => void, signa
   };
   for (const name of ["pointerdown", "keydown"]) window.addEventListener(name, listener, { capture: true, signal });
 }
-
-const FINGER = 44; // CSS pixels of a target, as the style sheets have it
-
-/** The size of a target in CSS pixels: this one, or that of a finger where fingers are what points. */
-export function targetSize(small: number) {
-  return globalThis.matchMedia?.("(pointer: coarse)").matches ? Math.max(FINGER, small) : small;
-}

@@ -4,6 +4,7 @@
 import { cross, dot, scaled } from "../maths/camera.ts";
 import type { Vector2, Vector3 } from "../types.ts";
 import { buttonElement, iconElement, named, pageElement, setAttributes, svgElement } from "./dom.ts";
+import { pressedOf } from "./fingers.ts";
 import { SIDES, type Side } from "./view_parts.ts";
 
 const CUBE_SIDE = 27; // half an edge; the drawing is 100 wide and an edge-on cube must fit
@@ -18,12 +19,18 @@ export class OrientationCube {
   arrows: { path: SVGPathElement; x: number; y: number; view: Side | null }[];
   bar: HTMLDivElement | undefined;
   home: HTMLDivElement | undefined;
+  readonly #actions = new Map<SVGElement, () => void>(); // of faces and arrows
   isAnatomical = true; // whether the faces bear letters of a patient's sides
 
   /** @param choose called with the name of a view */
   constructor(parent: Element, choose: (view: Side) => void, home: () => void) {
     this.root = pageElement("div", "dnb-compass", parent);
     this.svg = svgElement("svg", { class: "dnb-cube", viewBox: "0 0 100 100", "aria-hidden": "true" }, this.root);
+    svgElement("rect", { class: "dnb-cube-ground", x: -20, y: -20, width: 140, height: 140 }, this.svg); // for fingers
+    this.svg.addEventListener("click", (event) => {
+      const part = pressedOf([...this.#actions.keys()], event);
+      if (part) this.#actions.get(part)?.();
+    });
     this.faces = SIDES.map((side) => this.#face(side, choose));
     const ways: Vector2[] = [
       [1, 0],
@@ -42,9 +49,7 @@ export class OrientationCube {
         this.svg,
       );
       const arrow: OrientationCube["arrows"][number] = { path, x, y, view: null };
-      path.addEventListener("click", () => {
-        if (arrow.view) choose(arrow.view);
-      });
+      this.#actions.set(path, () => arrow.view && choose(arrow.view));
       return arrow;
     });
     this.#buttons(choose, home);
@@ -55,7 +60,7 @@ export class OrientationCube {
     const words = svgElement("title", {}, group, `${title} (${view})`);
     const sheet = svgElement("rect", { x: -10, y: -10, width: 20, height: 20 }, group);
     const text = svgElement("text", { "text-anchor": "middle", y: 4.4 }, group, letter);
-    group.addEventListener("click", () => choose(view));
+    this.#actions.set(group, () => choose(view));
     return { view, group, sheet, letter: text, title: words };
   }
 

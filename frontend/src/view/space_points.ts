@@ -9,6 +9,7 @@ import { formatLength } from "../maths/numbers.ts";
 import { SpaceCamera } from "../maths/space_camera.ts";
 import type { Vector2, Vector3, ViewStroke } from "../types.ts";
 import { ARROWS, pageElement, placeIn, setAttributes, svgElement } from "../ui/dom.ts";
+import { grabNearest } from "../ui/fingers.ts";
 import { Body } from "./body.ts";
 import { FollowedPoints } from "./followed_points.ts";
 import { PartLoops } from "./part_loops.ts";
@@ -66,6 +67,7 @@ export class SpacePoints {
         },
         { signal, passive: false },
       );
+    grabNearest(marks.svg, signal);
     on("pointerdown", (e) => {
       if (!this.press(e)) drag.down(e, this.hit(e));
     });
