@@ -221,6 +221,60 @@ def test_a_finger_turns_the_carp_that_the_grid_has_bent(thompson: ThompsonPage) 
     assert thompson.js(f"{PAGE}.carp.page.editor.get('settings').strength") == 1
 
 
+@pytest.mark.parametrize("thompson", [PHONE, SCREEN], ids=["phone", "screen"], indirect=True)
+def test_the_slider_is_below_the_carp_that_has_the_whole_screen(thompson: ThompsonPage) -> None:
+    thompson.go("carp")
+    thompson.wait("document.querySelector('.dnb-view')?.deformnb.caster?.isReady", timeout=60)
+    thompson.press(".dnb-full")
+    thompson.wait("document.fullscreenElement?.contains(document.querySelector('input[name=share]'))")
+    slider = thompson.page.locator("input[name=share]")
+    box, height = slider.bounding_box(), thompson.js("innerHeight")
+    assert box["height"] >= SMALLEST
+    assert box["y"] + box["height"] <= height
+    thompson.js("document.querySelector('.dnb-th .dnb-canvas').focus()")
+    for _ in range(20):
+        if thompson.js("document.activeElement.name === 'share'"):
+            break
+        thompson.page.keyboard.press("Tab")
+    thompson.page.keyboard.press("End")
+    assert thompson.js(f"[{PAGE}.state.share, {PAGE}.carp.page.editor.get('settings').strength]") == [1, 1]
+    thompson.page.evaluate("() => document.exitFullscreen()")
+    thompson.wait("document.querySelector('.dnb-th-slider').nextElementSibling?.matches('.dnb-th-goal')")
+
+
+def test_the_slider_is_there_again_after_own_pictures(thompson: ThompsonPage) -> None:
+    thompson.go("own")
+    assert thompson.page.locator(".dnb-th-slider").filter(visible=True).count() == 0
+    for step in ("morph", "carp"):
+        thompson.go(step)
+        thompson.page.locator(".dnb-th-slider").wait_for(state="visible")
+        thompson.go("own")
+    thompson.press(".dnb-th-buttons button:has-text('Start again')")
+    thompson.wait_step("morph")
+    thompson.page.locator(".dnb-th-slider").wait_for(state="visible")
+
+
+def test_each_scan_is_decoded_once_and_each_sheet_written_once(browser: Any, tmp_path: Path) -> None:
+    path = tmp_path / "thompson.html"
+    write_thompson_page(path)
+    count = """window.counts = { decoded: 0, written: 0 };
+      const decode = createImageBitmap, { prototype } = HTMLCanvasElement, write = prototype.toBlob;
+      window.createImageBitmap = (...given) => { counts.decoded += 1; return decode(...given); };
+      prototype.toBlob = function (...given) { counts.written += 1; return write.apply(this, given); };"""
+    page = ThompsonPage(browser, path, init=count, **PHONE)
+    # Two scans, and the sheet of the first drawing by its editor.
+    assert page.js("counts") == {"decoded": 3, "written": 2}
+    page.go("drag")
+    page.go("morph")
+    assert page.js("counts") == {"decoded": 5, "written": 2}
+    page.choose(("Diodon", "Orthagoriscus"))  # on one scan
+    assert page.js("counts") == {"decoded": 7, "written": 4}
+    page.choose(("Polyprion", "Scorpaena"))  # on scans that were there
+    assert page.js("counts") == {"decoded": 8, "written": 6}
+    page.context.close()
+    assert page.errors == []
+
+
 def test_the_sentence_about_growth_is_true_of_each_pair(thompson: ThompsonPage) -> None:
     thompson.go("growth")
     for pair in thompson_pairs():

@@ -125,7 +125,8 @@ def on_thompsons_page(browser: Any, folder: Path, size: tuple[int, int], languag
 
 
 CLIPPED = """[...document.querySelectorAll("button, select, .dnb-th-tab span, .dnb-th-task, .dnb-th-caption")]
-  .filter((e) => e.offsetParent && !e.closest(".dnb-bar, .dnb-ed-bar") && e.scrollWidth > e.clientWidth + 1 && e.clientWidth)
+  .filter((e) => e.offsetParent && !e.closest(".dnb-bar, .dnb-ed-bar"))
+  .filter(({ scrollWidth, clientWidth }) => clientWidth && scrollWidth > clientWidth + 1)
   .map((e) => `${e.textContent}: ${e.scrollWidth} in ${e.clientWidth}`)"""
 """Words that do not fit into their element."""
 
@@ -133,8 +134,9 @@ COVERED = """(() => {
   const parts = [...document.querySelectorAll("button, select, input[type=range], .dnb-th-end")]
     .filter((e) => e.offsetParent && !e.closest(".dnb-view, .dnb-editor"))
     .map((e) => [e.textContent || e.name, e.getBoundingClientRect()]);
-  return parts.flatMap(([name, p], k) => parts.slice(k + 1).filter(([, q]) =>
-    Math.min(p.right, q.right) - Math.max(p.left, q.left) > 1 && Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top) > 8)
+  const common = (p, q, low, high) => Math.min(p[high], q[high]) - Math.max(p[low], q[low]);
+  const isOver = (p, q) => common(p, q, "left", "right") > 1 && common(p, q, "top", "bottom") > 8;
+  return parts.flatMap(([name, p], k) => parts.slice(k + 1).filter(([, q]) => isOver(p, q))
     .map(([other]) => `${name} and ${other}`));
 })()"""
 """Controls that are over each other."""
@@ -177,11 +179,14 @@ PLACE = """([number, dx, dy]) => {
   Object.assign(window, { isWatched: true, pressed: -1 });
   const svg = handles[number].closest("svg");
   svg.scrollIntoView({ block: "center" });
-  const middles = handles.map((hit) => hit.getBoundingClientRect()).map((b) => [b.left + b.width / 2, b.top + b.height / 2]),
+  const middleOf = ({ left, top, width, height }) => [left + width / 2, top + height / 2],
+    middles = handles.map((hit) => middleOf(hit.getBoundingClientRect())),
     [x, y] = [middles[number][0] + dx, middles[number][1] + dy],
     away = middles.map(([p, q], k) => handles[k].closest("svg") === svg ? Math.hypot(p - x, q - y) : Infinity),
     [first, second] = [...away].sort((p, q) => p - q);
-  const isReached = document.elementFromPoint(x, y)?.closest("svg") === svg;
+  // The arrows of a chosen point in space are grabbed too.
+  const isReached = document.elementFromPoint(x, y)?.closest("svg") === svg &&
+    !document.elementsFromPoint(x, y).some((e) => e.matches(".dnb-sp-arrow-hit"));
   return { at: [x, y], nearest: away.indexOf(first), isClear: isReached && !(second - first < 1) };
 }"""
 
@@ -202,7 +207,7 @@ def grabbed_wrongly(page: Any, most: int = 24) -> list[str]:
             pressed += 1
             if hit != found["nearest"]:
                 faults.append(f"handle {number} at {way}: {hit} and not {found['nearest']} was grabbed")
-    assert pressed >= 6
+    assert pressed >= 4
     return faults
 
 
@@ -244,7 +249,9 @@ def dense_nodes(phone: Any) -> Any:
 
 
 def curves(phone: Any) -> Any:
-    return Drawn(phone, CurveEditor(TENT), DepthKeys(), width=390)
+    editor = CurveEditor()
+    editor.set_nodes(TENT)
+    return Drawn(phone, editor, DepthKeys((0.0, 0.1, 1.0)), width=390)
 
 
 def space(phone: Any) -> Any:
@@ -267,9 +274,14 @@ def test_a_finger_grabs_the_handle_that_is_nearest(drawing: Callable[[Any], Any]
     opened_page = drawing(phone)
     assert grabbed_wrongly(opened_page.page) == []
     assert opened_page.errors == []
-    # The measure sees handles that are smaller.
-    opened_page.page.add_style_tag(content="circle:is(.dnb-ed-hit, .dnb-cv-hit) { r: 9px !important; }")
-    assert grabbed_wrongly(opened_page.page, 4) != []
+    phone.close()
+
+
+def test_the_measure_sees_handles_that_are_small(browser: Any) -> None:
+    phone = touched(browser)
+    page = chosen_part(phone).page
+    page.add_style_tag(content="circle:is(.dnb-ed-hit, .dnb-cv-hit) { r: 9px !important; }")
+    assert grabbed_wrongly(page, 8) != []
     phone.close()
 
 
