@@ -116,7 +116,7 @@ def test_targets_of_the_application_are_large_enough_for_a_finger(browser: Any, 
 
 
 @contextmanager
-def on_thompsons_page(browser: Any, folder: Path, size: tuple[int, int], language: str) -> Iterator[ThompsonPage]:
+def open_thompson(browser: Any, folder: Path, size: tuple[int, int], language: str) -> Iterator[ThompsonPage]:
     write_thompson_page(folder / "thompson.html", language=language)
     page = ThompsonPage(browser, folder / "thompson.html", **{**THOMPSON_PHONE, "size": size})
     yield page
@@ -147,7 +147,7 @@ COVERED = """(() => {
 def test_targets_of_thompsons_page_are_large_and_its_words_fit(
     size: tuple[int, int], language: str, browser: Any, tmp_path: Path
 ) -> None:
-    with on_thompsons_page(browser, tmp_path, size, language) as phone:
+    with open_thompson(browser, tmp_path, size, language) as phone:
         for step in ("morph", "drag", "carp", "growth", "own"):
             phone.go(step)
             if step == "own":
@@ -191,7 +191,7 @@ PLACE = """([number, dx, dy]) => {
 }"""
 
 
-def grabbed_wrongly(page: Any, most: int = 24) -> list[str]:
+def find_wrong_grabs(page: Any, most: int = 24) -> list[str]:
     """Handles that a finger near them does not grab, though no other one is nearer; each pressed beside its middle."""
     fingers, faults, pressed = Fingers(page), [], 0
     for number in range(most):
@@ -211,7 +211,7 @@ def grabbed_wrongly(page: Any, most: int = 24) -> list[str]:
     return faults
 
 
-def touched(browser: Any, size: tuple[int, int] = (390, 844)) -> Any:
+def open_phone(browser: Any, size: tuple[int, int] = (390, 844)) -> Any:
     """The browser, whose pages are those of a phone."""
     context = browser.new_context(viewport={"width": size[0], "height": size[1]}, has_touch=True, is_mobile=True)
     return SimpleNamespace(new_page=lambda viewport: context.new_page(), close=context.close)
@@ -270,27 +270,27 @@ DRAWINGS: list[Callable[[Any], Any]] = [chosen_part, chosen_cut, dense_nodes, cu
 
 @pytest.mark.parametrize("drawing", DRAWINGS, ids=lambda drawing: drawing.__name__)
 def test_a_finger_grabs_the_handle_that_is_nearest(drawing: Callable[[Any], Any], browser: Any) -> None:
-    phone = touched(browser)
+    phone = open_phone(browser)
     opened_page = drawing(phone)
-    assert grabbed_wrongly(opened_page.page) == []
+    assert find_wrong_grabs(opened_page.page) == []
     assert opened_page.errors == []
     phone.close()
 
 
 def test_the_measure_sees_handles_that_are_small(browser: Any) -> None:
-    phone = touched(browser)
+    phone = open_phone(browser)
     page = chosen_part(phone).page
     page.add_style_tag(content="circle:is(.dnb-ed-hit, .dnb-cv-hit) { r: 9px !important; }")
-    assert grabbed_wrongly(page, 8) != []
+    assert find_wrong_grabs(page, 8) != []
     phone.close()
 
 
 def test_a_finger_grabs_the_nearest_node_of_a_grid_on_a_picture(browser: Any, tmp_path: Path) -> None:
-    with on_thompsons_page(browser, tmp_path, (390, 844), "en") as phone:
+    with open_thompson(browser, tmp_path, (390, 844), "en") as phone:
         phone.go("own")
         phone.page.locator(".dnb-grid-own-bar .dnb-page-button:nth-of-type(2)").first.tap()
         phone.wait("document.querySelectorAll('.dnb-gd-svg .dnb-cv-node').length > 20")
-        assert grabbed_wrongly(phone.page) == []
+        assert find_wrong_grabs(phone.page) == []
 
 
 @pytest.mark.parametrize("kind", list(PAGES))
@@ -299,4 +299,4 @@ def test_a_finger_grabs_the_nearest_point_of_each_page(kind: str, browser: Any, 
         phone.js("{ document.body.style.padding = ''; }")
         phone.js(f"{{ {MODELS}.editor.update({{ drag_grid: true }}); }}")
         phone.wait_settled()
-        assert grabbed_wrongly(phone.page, 8) == []
+        assert find_wrong_grabs(phone.page, 8) == []

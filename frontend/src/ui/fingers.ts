@@ -47,7 +47,7 @@ export function elementUnder(root: Element, event: MouseEvent): Element | null {
 }
 
 /** Of elements that are seen the one that is pressed: for a finger the one whose middle is nearest, not too far away. */
-export function pressedOf<T extends Element>(elements: T[], event: MouseEvent): T | null {
+export function findPressed<T extends Element>(elements: T[], event: MouseEvent): T | null {
   const { clientX: x, clientY: y, target } = event;
   if (!isFinger(event)) return elements.find((one) => target instanceof Node && one.contains(target)) ?? null;
   const [nearest] = elements

@@ -4,7 +4,7 @@
 import { cross, dot, scaled } from "../maths/camera.ts";
 import type { Vector2, Vector3 } from "../types.ts";
 import { buttonElement, iconElement, named, pageElement, setAttributes, svgElement } from "./dom.ts";
-import { pressedOf } from "./fingers.ts";
+import { findPressed } from "./fingers.ts";
 import { SIDES, type Side } from "./view_parts.ts";
 
 const CUBE_SIDE = 27; // half an edge; the drawing is 100 wide and an edge-on cube must fit
@@ -28,7 +28,7 @@ export class OrientationCube {
     this.svg = svgElement("svg", { class: "dnb-cube", viewBox: "0 0 100 100", "aria-hidden": "true" }, this.root);
     svgElement("rect", { class: "dnb-cube-ground", x: -20, y: -20, width: 140, height: 140 }, this.svg); // for fingers
     this.svg.addEventListener("click", (event) => {
-      const part = pressedOf([...this.#actions.keys()], event);
+      const part = findPressed([...this.#actions.keys()], event);
       if (part) this.#actions.get(part)?.();
     });
     this.faces = SIDES.map((side) => this.#face(side, choose));
