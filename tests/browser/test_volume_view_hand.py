@@ -38,7 +38,7 @@ ipywidgets.HBox([editor, view])
 VIEW = "document.querySelector('.dnb-volume')?.deformnb"
 # Where the body is, as a share of the width, and how much of the picture it is: skin is redder than what is behind.
 BODY = """() => {
-  const { canvas } = document.querySelector(".dnb-volume").deformnb, { width, height } = canvas;
+  const { canvas } = document.querySelector(".dnb-volume").deformnb.elements, { width, height } = canvas;
   const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
   let sum = 0, n = 0;
   for (let i = 0; i < width * height; i++) if (data[4 * i] - data[4 * i + 2] > 24) { sum += i % width; n += 1; }
