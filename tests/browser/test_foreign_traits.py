@@ -31,7 +31,7 @@ PRESSES = """() => addEventListener("mousedown", (event) => {
   if (taker) taker.focus({ preventScroll: true });
   else document.activeElement?.blur();
 })"""
-# An iPhone draws nothing on a canvas of more pixels, and gives the whole screen to films alone.
+# An iPhone draws nothing on a canvas of more pixels, and allows full screen for videos alone.
 MOST = 2**24
 PHONE = f"""{{ const draw = CanvasRenderingContext2D.prototype.drawImage;
   CanvasRenderingContext2D.prototype.drawImage = function (...given) {{
@@ -100,7 +100,7 @@ def test_an_iphone_is_offered_no_whole_screen(phone: FilePage) -> None:
     phone.page.locator(".dnb-page-card").first.tap()
     phone.wait_loaded()
     assert phone.page.get_by_role("button", name="Save a picture of the view (PNG)").is_visible()
-    assert phone.page.get_by_role("button", name="Whole screen").count() == 0
+    assert phone.page.get_by_role("button", name="Full screen").count() == 0
 
 
 def test_pixels_that_are_hidden_are_named(browser: Any, tmp_path: Path) -> None:

@@ -170,7 +170,7 @@ def test_a_button_saves_the_picture_that_is_seen(page: LivePage) -> None:
         assert saved.size == (2 * seen.shape[1], 2 * seen.shape[0])
         halved = np.asarray(saved.convert("RGB").reduce(2), float)
     assert np.abs(halved - seen).mean() < 2
-    assert page.page.get_by_role("button", name="Whole screen").is_visible()
+    assert page.page.get_by_role("button", name="Full screen").is_visible()
 
 
 @pytest.mark.nightly

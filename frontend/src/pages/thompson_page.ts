@@ -150,7 +150,7 @@ export class ThompsonPage {
     return { width: (width - GAP) / 2, height };
   }
 
-  /** Put the slider between the pictures, or below the carp that has the whole screen. */
+  /** Put the slider between the pictures, or below the carp in full screen. */
   #placeSlider() {
     const pane = document.fullscreenElement,
       { element } = this.slider;

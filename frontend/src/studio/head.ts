@@ -1,5 +1,5 @@
 // The studio's head: the volume's name, undo and redo, menus, "Save", which Ctrl+S presses anywhere in the studio, and
-// the whole screen. The menus and the panes are separate widgets, found by their classes in the same studio.
+// full screen. The menus and the panes are separate widgets, found by their classes in the same studio.
 // Messages to Python: save; a menu that is opened, whose panel is made then. Undo and redo are the editor's.
 
 import type { EditorDrawing } from "../editor/base.ts";
@@ -78,7 +78,7 @@ class StudioHead extends Widget {
     this.opener = this.#button("Open", () => this.open());
     this.saver = this.#button("Save", () => this.save());
     this.saver.classList.add("dnb-save");
-    this.full = this.#icon("full", () => fillScreen(this.studio), "Whole screen");
+    this.full = this.#icon("full", () => fillScreen(this.studio), "Full screen");
     this.full.hidden = !canFillScreen();
     this.help = this.#icon("help", () => this.#editor?.commands.run("help", null), "Keys and gestures (?)");
     this.onChange(["name", "facts", "history", "unsaved", "tip"], () => this.draw());

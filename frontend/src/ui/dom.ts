@@ -91,10 +91,10 @@ export function setText(node: Node, text: string) {
   if (node.textContent !== text) node.textContent = text;
 }
 
-/** Whether an element can have the whole screen: an iPhone gives it to films alone, and a frame needs its page's leave. */
+/** Whether elements can be shown in full screen: an iPhone shows videos alone so, and a frame needs permission. */
 export const canFillScreen = () => Boolean(document.fullscreenEnabled);
 
-/** Give an element the whole screen, or take it back; false where the browser refuses. */
+/** Show an element in full screen, or leave full screen; false where the browser refuses. */
 export async function fillScreen(element: Element | null) {
   try {
     await (document.fullscreenElement ? document.exitFullscreen() : element?.requestFullscreen());

@@ -82,9 +82,9 @@ export class ViewElements {
       (message) => this.messages.set("picture", message, { kind: "error" }),
     );
     if (canFillScreen())
-      this.cube.addButton("dnb-full", FULL_SCREEN, "Whole screen", async () => {
+      this.cube.addButton("dnb-full", FULL_SCREEN, "Full screen", async () => {
         const isDone = await fillScreen(this.pane);
-        this.messages.set("screen", isDone ? "" : "The browser has refused the whole screen", { kind: "error" });
+        this.messages.set("screen", isDone ? "" : "The browser refused full screen", { kind: "error" });
       });
     this.theme = new Theme(this.root, actions.rethemed);
     this.flicker = new Flicker(this.root, actions.flip);
