@@ -209,6 +209,17 @@ def test_a_writer_that_fails_leaves_the_old_file_and_nothing_else(name: str, suf
     assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted({Path(k).parts[0] for k in before})
 
 
+@pytest.mark.parametrize("suffix", [".tfm", ".h5", ".nrrd", ".nii.gz", ".nii", ".mha"])
+@pytest.mark.parametrize("missing", [1, 8, 1000])
+def test_a_transform_without_its_last_bytes_replaces_nothing(suffix: str, missing: int, tmp_path: Path) -> None:
+    """ITK does not notice that they found no room."""
+    path, whole = _old("write_transform", suffix, tmp_path), tmp_path / f"whole{suffix}"
+    dn.write_transform(WAVE, whole, GRID)
+    with full_disk(whole.stat().st_size - missing), pytest.raises(DeformError, match=r"older file of this name|ITK"):
+        dn.write_transform(WAVE, path, GRID)
+    assert path.read_bytes() == b"old"
+
+
 @pytest.mark.parametrize("name", [name for name in WRITERS if name.startswith("write_")])
 def test_a_writer_refuses_where_it_is_told_to(name: str, tmp_path: Path) -> None:
     suffixes, write = WRITERS[name]

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Progress
 from deformnb.checks import LARGEST_COORDINATE, optional_package
+from deformnb.errors import VolumeFileError
 from deformnb.interop.sitk_transforms import image_of_vectors
 from deformnb.io.files.atomic import atomic_write
-from deformnb.io.files.errors import fail, human_bytes, printable
+from deformnb.io.files.errors import Damage, fail, human_bytes, printable
 from deformnb.io.files.memory import available_memory
 from deformnb.io.volumes import metaimage, nifti, nrrd
 from deformnb.io.volumes.headers import Header
@@ -127,7 +128,9 @@ def write_displacements(
     image = to_itk_image(sitk, DisplacementField(field.sample_on_grid(grid), grid))
     image.SetMetaData("ITK_FileNotes", remark[:_NOTE])
     image.SetMetaData("deformnb_transform", remark)
-    write_by_name(path, lambda file: sitk.WriteImage(image, file, True), overwrite=overwrite)
+    write_by_name(
+        path, lambda file: sitk.WriteImage(image, file, True), overwrite=overwrite, check=read_displacement_image
+    )
 
 
 def write_by_name(
@@ -137,11 +140,14 @@ def write_by_name(
     overwrite: bool,
     head: Callable[[bytes], bytes] | None = None,
     longest: int | None = None,
+    check: Callable[[Path], Any] | None = None,
 ) -> None:
     """Write by a program that takes the name of a file, and take its place as a whole.
 
     Parameters
     ----------
+    check : reads the file and raises an error where it is cut short: ITK does not notice a full disk in NIfTI, nor in
+        the last bytes of a compressed NRRD.
     head : decoder of the first bytes; the first line is among them.
     longest : bytes of a text that is not refused.
     """
@@ -152,7 +158,17 @@ def write_by_name(
             write(str(made))
         except RuntimeError as error:
             raise fail(path, f"ITK cannot write it ({reason(error)}).") from None
-        size = made.stat().st_size
+        try:
+            size = made.stat().st_size
+            if check is not None:
+                with Damage(made, "write it on a coarser grid"):
+                    check(made)
+        except (VolumeFileError, OSError) as error:
+            raise fail(
+                path,
+                f"was not written whole, as on a full disk: {human_bytes(shutil.disk_usage(folder).free)} are free in "
+                f"{printable(tempfile.gettempdir())}, where it is made; an older file of this name is untouched.",
+            ) from error
         if longest is not None and size > longest:
             raise fail(
                 path,
