@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -460,3 +461,26 @@ def test_the_steps_of_a_deformation_are_its_items() -> None:
     for wrong in (2, "fold", 1.0, True, slice(1)):
         with pytest.raises(dn.errors.DeformError, match=r"steps are named|a step is taken by"):
             two[wrong]  # type: ignore[index]
+
+
+def test_no_code_asks_whether_a_mask_is_true(tmp_path: Path) -> None:
+    """The studio's ways with volumes that may be absent, which a volume of bool refuses to decide."""
+    mask = dn.Volume(np.indices((12, 14, 16)).sum(axis=0) % 5 > 2, dn.Grid((12, 14, 16)))
+    flat, space = np.array([[5.0, 5.0], [10.0, 10.0]]), np.array([[5.0, 5.0, 5.0], [10.0, 10.0, 8.0]])
+    points = dn.ControlPoints.from_arrays(flat, flat + np.array([1.0, 0.0]))
+    editor = dn.widgets.Editor(dn.project(mask, "+z", "slice"), points=points)
+    assert editor.preview_png().startswith(b"\x89PNG")
+    studio = dn.Studio(mask)
+    try:
+        for step in (
+            dn.Step((points,), dn.Plane.from_view(mask.grid, "+z"), support=6.0),
+            dn.Step((dn.ControlPoints.from_arrays(space, space + np.array([1.0, 0.0, 0.0])),)),
+        ):
+            studio.session.take(dn.Deformation((step,)))
+            for suffix in (".html", ".png", ".nrrd"):
+                name = f"{step.plane is None}{suffix}"
+                (studio.export_html if suffix == ".html" else studio.export)(tmp_path / name)
+                assert (tmp_path / name).stat().st_size
+    finally:
+        studio.close()
+        editor.close()

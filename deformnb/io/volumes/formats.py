@@ -442,7 +442,7 @@ def describe_file(
     layout = header.layout
     volume = read_volume(place, series=series, progress=progress) if voxels and layout.is_single else None
     notes += () if layout.is_single else (f"the file holds {layout}, each as large as stated here",)
-    dtype = volume.dtype if volume else header.loaded_dtype
+    dtype = header.loaded_dtype if volume is None else volume.dtype
     return FileDescription(
         printable(place.name),
         FORMATS[kind].description,
@@ -451,8 +451,8 @@ def describe_file(
         bool(header.is_labels),
         sum(sizes),
         grid.size * dtype.itemsize * layout.frames * layout.channels,
-        volume.notes if volume else header.notes + notes,
-        volume.value_range if volume else None,
+        header.notes + notes if volume is None else volume.notes,
+        None if volume is None else volume.value_range,
         layout.frames,
         layout.channels,
     )

@@ -159,7 +159,7 @@ def preview_png(
     if points.displacement.any():
         field = fit()
         warped = replace(picture, values=warp_picture(picture.values, picture.raster, field))
-        picture = deformed or warped
+        picture = warped if deformed is None else deformed
         lines = deformed_lines(lines, field) if lines else []
     return as_png(draw_preview(picture, lines, points, _PREVIEW_SIZE))
 
@@ -391,7 +391,7 @@ class Editor(EditedPoints):
 
     def preview_png(self) -> bytes:
         """The deformed picture with its grid and points as a PNG: the still where no front end runs."""
-        picture = self.picture or sheet(self.points)
+        picture = sheet(self.points) if self.picture is None else self.picture
         return preview_png(
             picture, self.points, self.fit, self.density if self.show_grid else 0, deformed=self._deformed
         )

@@ -144,11 +144,12 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     """
     last = followed_step(session.editing.deformation)
     deformed = None if last is not None else session.results.volume()
-    channels = session.results.channels() if deformed and session.channels else session.channels
+    is_followed = deformed is None
+    channels = session.channels if is_followed or not session.channels else session.results.channels()
     pictures = session.pictures
     whole = Session(
-        deformed or session.volume,
-        None if deformed else session.editing.deformation,
+        session.volume if deformed is None else deformed,
+        session.editing.deformation if is_followed else None,
         view=session.editing.plane,
         channels=channels,
         channel_displays=pictures.channel_displays,
