@@ -213,6 +213,7 @@ def write_standalone(
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
     >>> from deformnb.rbf.points import ControlPoints
     >>> file = Path(tempfile.mkdtemp()) / "sheet.html"
     >>> write_standalone(file, Editor(None, ControlPoints.from_arrays([[0, 0], [9, 0], [4, 8]])), title="a sheet")
