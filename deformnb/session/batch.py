@@ -27,6 +27,7 @@ from deformnb.io.files.paths import as_path
 from deformnb.io.landmarks.formats import is_landmarks
 from deformnb.io.meshes.formats import is_mesh
 from deformnb.io.volumes.formats import find_format, read_volume, write_volume
+from deformnb.io.volumes.ome_zarr import is_zarr
 from deformnb.session.view_state import without_view_state
 
 RECORD = "deformnb-replay.json"
@@ -70,7 +71,7 @@ def inputs_of(paths: Sequence[str | PathLike[str]]) -> list[Path]:
     for path in map(input_path, paths):
         if not path.exists():
             raise DeformError(f"there is no file {path}.")
-        inside = sorted(p for p in path.iterdir() if p.is_file() and _is_known(p)) if path.is_dir() else [path]
+        inside = [path] if _is_one(path) else sorted(p for p in path.iterdir() if _is_one(p) and _is_known(p))
         if not inside:
             raise DeformError(f"{path} holds no volume, mesh or landmarks that could be deformed.")
         found += inside
@@ -82,6 +83,11 @@ def inputs_of(paths: Sequence[str | PathLike[str]]) -> list[Path]:
             "them into two folders."
         )
     return found
+
+
+def _is_one(path: Path) -> bool:
+    """Check for a file, or a folder that is one volume in OME-Zarr."""
+    return not path.is_dir() or is_zarr(path)
 
 
 def _is_known(path: Path) -> bool:
@@ -226,9 +232,9 @@ def _rename(path: Path, suffix: str) -> str:
 
 
 def stamp(path: Path) -> list[int]:
-    """Size and time of a file: they show that it is another one, without reading it."""
-    found = path.stat()
-    return [found.st_size, found.st_mtime_ns]
+    """Size and time of a file, or of all files of a folder: they show that it is another one, without reading it."""
+    found = [path.stat(), *(inner.stat() for inner in path.rglob("*"))] if path.is_dir() else [path.stat()]
+    return [sum(one.st_size for one in found), max(one.st_mtime_ns for one in found)]
 
 
 def _digest(text: str) -> str:

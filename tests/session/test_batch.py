@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from command_line import run, small_folder
 
-from deformnb.document.deformation import VolumeReference
+from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import Cancelled, DeformError
 from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation, write_deformation
 from deformnb.io.meshes.formats import read_mesh, write_mesh
 from deformnb.session.batch import RECORD, inputs_of, replay
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.mesh import Mesh, warp_mesh
 
 
@@ -130,6 +130,24 @@ def test_another_format_does_not_let_results_replace_inputs_or_one_another(overw
     with pytest.raises(DeformError, match=r"results of c\.nii\.gz and c\.nrrd would both be c\.nii\.gz"):
         replay(document, [many / "in"], many / "out", suffix=".nii.gz", overwrite=overwrite)
     assert not (many / "out").exists()
+
+
+def test_a_volume_in_ome_zarr_is_one_input_alone_and_in_a_folder(tmp_path: Path) -> None:
+    source = tmp_path / "in"
+    (source / "folder.nrrd").mkdir(parents=True)  # which is no input, for all its name
+    volume = Volume(np.arange(24, dtype=np.uint8).reshape(2, 3, 4), Grid((2, 3, 4)))
+    for name in ("a.zarr", "b.nrrd"):
+        write_volume(volume, source / name)
+    assert inputs_of([source / "a.zarr"]) == [source / "a.zarr"]
+    assert inputs_of([source]) == [source / "a.zarr", source / "b.nrrd"]
+    (tmp_path / "out").mkdir()
+    done = replay(Deformation(), [source], tmp_path / "out")
+    assert [(one.output, one.state) for one in done] == [("a.zarr", "done"), ("b.nrrd", "done")]
+    assert np.array_equal(read_volume(tmp_path / "out" / "a.zarr").values, volume.values)
+    [chunk] = [file for file in (source / "a.zarr").rglob("*") if file.is_file() and "c" in file.parent.parts[-3:]]
+    os.utime(chunk, ns=(2 * 10**18, 2 * 10**18))  # as where it is written anew; the folder is as it was
+    again = replay(Deformation(), [source], tmp_path / "out")
+    assert [(one.output, one.state) for one in again] == [("a.zarr", "done"), ("b.nrrd", "kept")]
 
 
 def test_two_inputs_of_one_name_are_refused(many: Path) -> None:
